@@ -8,7 +8,7 @@ from monitor.bus.polling.answer import supported
 from monitor.bus.polling.pids import BITMAPS, ObdParameter
 
 MOST_PIDS: Final = 6  # per request, SAE J1979
-TRY_AGAIN: Final = 60  # answers to single PIDs after which several are requested again
+SINGLE: Final = 60  # answers to single PIDs after which several are requested again
 PATIENCE: Final = 3  # missing answers after which a PID is polled alone; twice as many drop it
 
 
@@ -36,8 +36,7 @@ class Schedule:
         self._supported: set[int] = set()
         self._asked_s: dict[int, float] = {}
         self._unanswered: dict[int, int] = {}  # PID → missing answers in a row
-        self._most = MOST_PIDS
-        self._try_again = 0  # answers until several PIDs are requested again; 0 means never
+        self._single = 0  # answers until several PIDs are requested at once again
 
     @property
     def is_first(self) -> bool:
@@ -56,7 +55,8 @@ class Schedule:
         if oldest and self._is_alone(oldest[0]):
             oldest = oldest[:1]
         else:
-            oldest = [pid for pid in oldest if not self._is_alone(pid)][: self._most]
+            most = 1 if self._single else MOST_PIDS
+            oldest = [pid for pid in oldest if not self._is_alone(pid)][:most]
         self._asked_s.update(dict.fromkeys(oldest, now_s))
         return tuple(oldest)
 
@@ -67,12 +67,10 @@ class Schedule:
         if self.bitmap is not None:
             self._take(self.bitmap, values[self.bitmap])
             return
-        if self._try_again:
-            self._try_again -= 1
-            self._most = 1 if self._try_again else MOST_PIDS
+        self._single = max(self._single - 1, 0)
         missing = [pid for pid in asked if pid not in values]
         if len(missing) == len(asked) - 1 > 0:
-            self._most, self._try_again = 1, 0  # this ECU answers one PID at a time
+            self._single = SINGLE  # an ECU that answers one at a time, or another tester's answer
         self._miss(missing)
 
     def refused(self, asked: Sequence[int]) -> None:
@@ -82,18 +80,15 @@ class Schedule:
         if self.bitmap is not None:
             self._know()  # the ranges read so far must do
         elif len(asked) > 1:
-            self._most, self._try_again = 1, 0
+            self._single = SINGLE
         else:
             self._miss(asked)
 
     def silent(self, asked: Sequence[int], in_a_row: int) -> None:
-        """Record a request without an answer."""
-        if self.bitmap is not None:
-            return
-        if len(asked) == 1:
-            self._miss(asked)
-        elif in_a_row > 1:
-            self._most, self._try_again = 1, TRY_AGAIN
+        """Record a request without an answer; several in a row are like a refusal."""
+        patience = min(len(asked), 2) if self.bitmap is None else PATIENCE
+        if in_a_row >= patience:
+            self.refused(asked)
 
     def _is_alone(self, pid: int) -> bool:
         return self._unanswered.get(pid, 0) >= PATIENCE

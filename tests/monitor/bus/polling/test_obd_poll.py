@@ -134,18 +134,26 @@ def test_fast_signals_are_polled_more_often_than_slow_ones() -> None:
         assert len(seen) >= 3 * 20 / OBD.channels[name].mapped.timeout_s, name
 
 
-def test_an_ecu_that_answers_one_parameter_at_a_time_is_polled_so() -> None:
-    talk = Conversation(steady_ecu(at_once=1)).run(20.0)
-    assert {len(request) for request in talk.asked[4:]} == {1}
-    assert_as_the_ecu_has_it(talk)
+def test_an_ecu_that_refuses_several_or_answers_the_first_alone_is_polled_one_by_one() -> None:
+    refusing, first = steady_ecu(at_once=1), steady_ecu()
+    first.override = lambda r: None if len(r) == 2 else [b"\x41" + first._data(r[1], 0.0)]
+    for ecu in (refusing, first):
+        talk = Conversation(ecu).run(20.0)
+        assert sum(len(request) > 1 for request in talk.asked) <= 5
+        assert_as_the_ecu_has_it(talk)
 
 
-def test_an_ecu_that_answers_only_the_first_of_several_is_polled_one_by_one() -> None:
+def test_after_answers_to_another_tester_several_are_asked_for_again() -> None:
+    talk = Conversation(steady_ecu()).run(1.0)
+    for k, data in enumerate(10 * ("04410C20D1AAAAAA", "037F0112AAAAAAAA")):
+        talk.bus.put(talk.bus.now_s + 0.1 * k, 0x7E8, bytes.fromhex(data))
+    assert [len(request) for request in talk.run(12.0).asked[-20:]] == [6] * 20
+
+
+def test_a_bitmap_that_is_announced_but_never_answered_holds_up_nothing() -> None:
     ecu = steady_ecu()
-    ecu.override = lambda r: None if len(r) == 2 else [b"\x41" + ecu._data(r[1], 0.0)]
-    talk = Conversation(ecu).run(20.0)
-    assert {len(request) for request in talk.asked[5:]} == {1}
-    assert all(talk.values.values())
+    ecu.override = lambda r: [] if r == b"\x01\x20" else None
+    assert Conversation(ecu).run(10.0).polled == {pid for pid in J1979 if pid < 0x20}
 
 
 def test_a_parameter_that_is_announced_but_never_answered_does_not_hold_up_the_others() -> None:
@@ -174,10 +182,11 @@ def test_a_busy_ecu_is_asked_ever_less_often_and_normally_again_later() -> None:
     assert len(talk.run(5.0).asked) - before > 50
 
 
-def test_a_silent_bus_is_asked_seldom_and_a_returning_ecu_is_found() -> None:
+def test_a_silent_bus_is_asked_seldom_and_a_returning_ecu_is_found_and_asked_anew() -> None:
     talk = Conversation(steady_ecu()).run(2.0).answered_with([], 60.0)
     assert sum(t > 40.0 for t, _ in talk.ecu.asked) <= 5
-    assert talk.answered_with(None, 7.0).polled
+    talk.ecu.supported = (0x0C, 0x0D)
+    assert talk.answered_with(None, 7.0).polled == {0x0C, 0x0D}
     assert sum(t > 69.0 - 1.0 for t, _ in talk.ecu.asked) > 8
 
 
@@ -239,21 +248,12 @@ def test_flow_control_goes_to_the_engine_alone_when_all_were_asked() -> None:
     assert {m.arbitration_id for _, m in talk.bus.sent if m.data[0] != 0x30} == {0x7DF}
 
 
-def test_after_silence_the_bitmaps_are_read_again() -> None:
-    talk = Conversation(steady_ecu()).run(2.0).answered_with([], 10.0)
-    talk.ecu.supported = (0x0C, 0x0D)
-    assert talk.answered_with(None, 8.0).polled == {0x0C, 0x0D}
-
-
 def test_an_answer_with_a_frame_missing_is_thrown_away() -> None:
     subject = Reassembly()
-    frames = [
-        bytes.fromhex(x) for x in ("1014410B2F0C20CD", "210D530547342AAA", "225555AAAAAAAAAA")
-    ]
+    whole = "1014410B2F0C20CD", "210D530547342AAA", "225555AAAAAAAAAA"
+    frames = list(map(bytes.fromhex, whole))
     assert [subject.push(data) for data in frames[:2]] == [None, None]
-    whole = subject.push(frames[2])
-    assert whole is not None
-    assert len(whole) == 0x14
+    assert len(subject.push(frames[2]) or b"") == 0x14
     subject.push(frames[0])
     assert subject.push(frames[2]) is None
     assert not subject.is_running
