@@ -258,15 +258,15 @@ class Loop:
         self._due_s = min(self._due_s, self.judging.store_again_s)
 
     def _close(self) -> None:
-        for attachment in self.attachments:
-            self._let_go(attachment)
+        self.judging.close()  # stored before an attachment may hang
         try:
             if self._recorder:
                 self._recorder.close()
         except RecordingError as error:
             self._say(str(error))
+        for attachment in self.attachments:
+            self._let_go(attachment)
         self._port.close()
-        self.judging.close()
 
     def result(self, channel: str) -> dict[str, Any]:
         """Return the run as a recording's entry of ``o2mon.replay/1``."""

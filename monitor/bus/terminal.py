@@ -56,14 +56,11 @@ class Out:
             self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
 
     def close(self) -> None:
-        """Leave a clean line behind; text that the reader does not take now is lost."""
+        """Leave a clean line behind; what others say at their end may still follow."""
         if self._drawn and self._is_free():
             self._write(_ERASE)
         self._drawn = ""
         self.flush()
-        if self._number is not None:
-            os.close(self._number)
-            self._number = None
 
     def _is_free(self) -> bool:
         """Return whether all that was written was taken."""

@@ -18,7 +18,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
-from tests.helpers.bus.played_bus import Pause, PlayedBus, judged, played_on, run_on
+from tests.helpers.bus.played_bus import Ear, Pause, PlayedBus, judged, played_on, run_on
 
 
 def test_a_replay_of_what_was_recorded_gives_the_same_events(
@@ -142,18 +142,18 @@ class FullDisk(Memory):
         super().save(saved)
 
 
-def test_a_memory_that_cannot_be_written_is_told_once_and_the_judging_goes_on(
+def test_a_memory_that_cannot_be_written_is_told_once_and_all_is_stored_before_the_views_close(
     setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
 ) -> None:
-    said: list[str] = []
-    memory = FullDisk(tmp_path / "o2.db")
-    script = [*late_sensor, Pause(30.0)]
-    loop, _ = played_on(script, setup, memory=memory, say=said.append)
+    said, stored, memory, view = list[str](), list[Any](), FullDisk(tmp_path / "o2.db"), Ear()
+    view.close = lambda: stored.append(memory.load())  # type: ignore[method-assign]
+    loop, _ = played_on(late_sensor, setup, memory=memory, say=said.append, attachments=[view])
     assert "P015A" in [d["code"] for d in loop.result("played")["dtcs"]]
     assert loop.health.memory_errors == 2
     assert len([line for line in said if "disk is full" in line]) == 1
     # AND once there is room again, what was not stored is
     assert "P015A" in {d.code for d in memory.load().dtcs if d.state}
+    assert stored == [memory.load()]
     memory.close()
 
 
