@@ -26,6 +26,7 @@ from monitor.judge.limits import Limits
 from monitor.judge.response import bank
 from monitor.judge.response.claims import claims
 from monitor.judge.response.rule import GAIN_FOLLOWS, GAIN_KNOWN
+from monitor.judge.trust import OF_MODEL
 from monitor.memory.codes import CODES, TEST_OF, TESTS
 from monitor.model.card import ModelCard
 from monitor.model.step import PHI_MAX
@@ -208,6 +209,8 @@ def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
 
 def _of_bias(limits: Limits, config: Config) -> Iterator[tuple[str, float | bool, str]]:
     own = config.bias
+    for test in OF_MODEL:
+        yield f"BLIND_{test.upper()}", limits.trust.is_blind(test), "excludes none of its faults"
     yield "BIAS_CERTAINTY", own.certainty, "standard deviations"
     yield "BIAS_MEMORY", own.memory, "kept per window"
     yield "BIAS_WINDOWS", int(own.n_windows), "windows"

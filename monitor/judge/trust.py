@@ -12,8 +12,10 @@ from typing import Any, Final
 
 from monitor.base.counts import counted, plain
 from monitor.base.errors import ModelError
-from monitor.memory.codes import CONTINUOUS, TEST_OF
+from monitor.memory.codes import CONTINUOUS, TEST_OF, TESTS
 
+OF_MODEL: Final = ("response", "bias")  # tests that judge by the prediction
+INTERMITTENT: Final = "intermittent"  # shows without it, too
 LEAST_FOUND: Final = 0.5  # of the drives, for a fault to count as tested
 _COUNTS: Final = ("found", "false")
 LEAST_EXPLAINED: Final = 0.5  # of the least share so far; a drive with less may be another car's
@@ -42,7 +44,14 @@ class Trust:
     @property
     def untold(self) -> frozenset[str]:
         """Return the faults that set no code with this model, none of the tests without it."""
+        if self.is_untried:
+            return frozenset(name for test in OF_MODEL for name in TESTS[test]) - {INTERMITTENT}
         return frozenset(name for name in self.false or () if TEST_OF.get(name) not in CONTINUOUS)
+
+    @property
+    def is_untried(self) -> bool:
+        """Return whether no drive was long enough to try the model, so nothing is known of it."""
+        return self.found is not None and not self.drives
 
     @property
     def untested(self) -> tuple[str, ...]:
@@ -51,18 +60,17 @@ class Trust:
         missed = [k for k, n in (self.found or {}).items() if n < least]
         return tuple(dict.fromkeys((*missed, *sorted(self.untold))))
 
-    @property
-    def is_blind(self) -> bool:
-        """Return whether the model is known to find no fault of the response."""
-        faults = {name for name in self.found or () if TEST_OF.get(name) == "response"}
-        return bool(faults) and faults <= set(self.untested)
+    def is_blind(self, test: str) -> bool:
+        """Return whether the model can exclude no fault of a test, which then never passes."""
+        faults = {name for name in self.found or () if TEST_OF.get(name) == test}
+        return self.is_untried or (bool(faults) and faults <= set(self.untested))
 
     @property
     def doubt(self) -> str:
         """Return why a model that is known to find nothing judges no response."""
-        if not self.drives:
+        if self.is_untried:
             return "no drive that it had not seen was long enough to try the model on"
-        return f"tried on {counted(self.drives, 'drive')}, the model finds no fault of the response"
+        return f"tried on {counted(self.drives, 'drive')}, the model finds none of its faults"
 
     def entry(self, explained: float | None = None) -> dict[str, Any]:
         """Return it for a result; {} where nothing is known.

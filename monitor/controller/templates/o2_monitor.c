@@ -473,9 +473,11 @@ static bool fill(o2_monitor *m, const o2_sample *sample, uint8_t kind)
     return m->filled == n;
 }
 
-static void told(uint8_t *outcome, uint8_t *fault)
+/* is_blind : the model can exclude no fault of the test */
+static void told(uint8_t *outcome, uint8_t *fault, bool is_blind)
 {
-    if ((*outcome == O2_FAILED) && o2_faults[*fault].is_untold) { /* the model's own errors */
+    bool is_own = (*outcome == O2_FAILED) && o2_faults[*fault].is_untold; /* the model's errors */
+    if (is_own || ((*outcome == O2_PASSED) && is_blind)) {
         *outcome = O2_INCONCLUSIVE;
         *fault = O2_SOUND;
     }
@@ -485,7 +487,7 @@ static void judge(o2_monitor *m, o2_result *result)
 {
     o2_facts facts;
     o2_window(m, &facts);
-    told(&facts.outcome, &facts.fault);
+    told(&facts.outcome, &facts.fault, O2_BLIND_RESPONSE);
     result->window = m->kind;
     result->outcome = facts.outcome;
     result->fault = facts.fault;
@@ -499,7 +501,7 @@ static void judge(o2_monitor *m, o2_result *result)
         uint8_t fault = O2_SOUND;
         bool ignore = facts.no_evidence || m->may_be_dead;
         uint8_t outcome = o2_bias(m, facts.offset, ignore, &fault, &result->offset);
-        told(&outcome, &fault);
+        told(&outcome, &fault, O2_BLIND_BIAS);
         if (outcome != O2_INCONCLUSIVE) {
             count(m, O2_TEST_BIAS, outcome == O2_FAILED, fault, result);
         }

@@ -15,6 +15,7 @@ from monitor.judge.causes.liveness import dead_at_end
 from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import CONDITIONS, Range
 from monitor.judge.limits import Limits
+from monitor.judge.trust import UNKNOWN
 from monitor.model.card import ModelCard
 
 MOST: Final = 3  # conditions that are named
@@ -272,9 +273,10 @@ def _still_inputs(
 
 def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cause]:
     """Return why tests have no decision though most samples could be judged."""
-    if asked.limits and asked.limits.trust.is_blind:
-        advice = f"{asked.limits.trust.doubt}: train on more drives, unlike each other"
-        return [Cause("response", None, None, "model", advice)]
+    trust = asked.limits.trust if asked.limits else UNKNOWN
+    if blind := [test for test in judgement.unfinished if trust.is_blind(test)]:
+        advice = f"{trust.doubt}: train on more drives, unlike each other"
+        return [Cause(blind[0], None, None, "model", advice)]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)
     had = f"{duration(seen.enabled * seen.period_s)} could be judged"

@@ -23,6 +23,7 @@ from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.estimates import WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import EDGES, Response
+from monitor.judge.trust import OF_MODEL
 from monitor.judge.window import Window
 from monitor.memory.codes import OF_VEHICLE
 from monitor.memory.dtc_store import DtcStore
@@ -66,6 +67,7 @@ class Decisions:
         )
         self._rules = {test: returned(test, kind, kind) for test, kind in rules.items()}
         self._counters = Counters((*OF_VEHICLE, *self._rules), config, store)
+        self._blind = {test for test in OF_MODEL if limits.trust.is_blind(test)}
         self._by_balance = False  # the balance has named the upstream sensor
         self._suspicious = False  # a window failed
         self._windows, self._offset_sum = 0, 0.0  # of those that count for the bias rule
@@ -166,8 +168,10 @@ class Decisions:
         return response
 
     def _told(self, found: Finding) -> Finding:
-        """Return a finding, unless its fault is one that the model mistakes for its own errors."""
-        if found.outcome == "failed" and found.fault in self._limits.trust.untold:
+        """Return a finding, unless the model mistakes its errors for it or excludes no fault."""
+        is_own = found.outcome == "failed" and found.fault in self._limits.trust.untold
+        test = "response" if isinstance(found, Response) else "bias"
+        if is_own or (found.outcome == "passed" and test in self._blind):
             return replace(found, outcome="inconclusive", fault=None, also=())
         return found
 

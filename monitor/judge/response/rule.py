@@ -75,8 +75,7 @@ class ResponseRule:
     ``timing_s``, a sensor is called sound only if it were so that much slower, too.
 
     errors : of the model; the gains of the claims are relative to its gain
-    untested : faults that the model cannot exclude, so that a sensor may be sound without it; with
-        none left no sensor is called sound
+    untested : faults that the model cannot exclude, so that a sensor may be sound without it
     """
 
     def __init__(
@@ -257,8 +256,7 @@ class ResponseRule:
         fault = faulty.argmax(axis=1)
         surely = evidence.take(self._surely, 1).max(axis=1)
         barely = evidence.take(self._barely, 1).max(axis=1, initial=-np.inf)
-        least = -np.inf if len(self._tested) else np.inf
-        tested = evidence.take(self._tested, 1).max(axis=1, initial=least)
+        tested = evidence.take(self._tested, 1).max(axis=1, initial=-np.inf)
         margin = faulty.max(axis=1) - np.maximum(surely, barely)
         lead = surely - np.maximum(tested, barely)
         best = evidence.argmax(axis=1)

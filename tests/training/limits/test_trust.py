@@ -40,6 +40,9 @@ def test_a_fault_that_the_model_has_mistaken_sets_no_code(fault: str) -> None:
     assert fault not in codes(mistaken, fault)
     # AND other faults are found as before
     assert codes(mistaken, "slow_symmetric") == codes(LIMITS, "slow_symmetric")
+    # AND a model that was never tried sets no code by its prediction at all
+    untried = replace(LIMITS, trust=Trust(0, dict.fromkeys(NAMES, 0)))
+    assert codes(untried, fault) == codes(untried, "slow_symmetric") == []
 
 
 def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
@@ -99,7 +102,7 @@ def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -
 @pytest.mark.parametrize(
     ("seconds", "why"),
     [
-        (None, "tried on 6 drives, the model finds no fault of the response"),
+        (None, "tried on 6 drives, the model finds none of its faults"),
         (10, "no drive that it had not seen was long enough to try the model on"),
     ],
 )
@@ -115,7 +118,7 @@ def test_a_model_that_finds_no_fault_or_was_never_tried_judges_no_response(
     assert main(["replay", str(LOG), "--model", str(blind)]) == 3
     said = capsys.readouterr().out
     assert f"not judged: response: {why}" in said and "windows: 0 passed" in said
-    assert "passed: bias, activity, communication, range, ready; undecided: response" in said
+    assert "passed: activity, communication, range, ready; undecided: response, bias" in said
 
 
 def test_of_an_output_that_is_no_lambda_lags_and_gains_act_as_on_one() -> None:

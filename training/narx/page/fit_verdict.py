@@ -35,7 +35,7 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
     subject, records = ("vehicle", "drives") if known else ("system", "recordings")
     trust, bounds = Trust.from_card(card.trust, card.output.name), ""
     if trust.drives:
-        does, is_good, is_bad = "can judge", not trust.untested, trust.is_blind
+        does, is_good, is_bad = "can judge", not trust.untested, trust.is_blind("response")
     else:
         does, is_good, is_bad = "follows", correlation >= GOOD, correlation < POOR
         bounds = f" (good from {GOOD:g}, too little below {POOR:g})"
