@@ -169,11 +169,10 @@ class Port:
             if health.state == "gone" or n:
                 health.state = "active"
 
-    def _count_drops(self) -> int | None:
-        """Return the frames dropped on all sockets so far, None if one of them does not tell."""
+    def _count_drops(self) -> None:
+        """Add up the frames dropped on all sockets; None if one of them does not tell."""
         own, before = self._reader.drops, self._drops_before
-        drops = self._health.drops = None if own is None or before is None else before + own
-        return drops
+        self._health.drops = None if own is None or before is None else before + own
 
     def _heed(self, can_id: int, data: bytes) -> None:
         """Update the health from a SocketCAN error frame."""
@@ -194,7 +193,7 @@ class Port:
 
     def _lose(self, error: Exception) -> None:
         """Give up a failed bus and schedule its opening."""
-        self._drops_before = self._count_drops()
+        self._drops_before = self._health.drops
         self._bus = None
         self._connection.lose(error)
         self._health.losses = self._connection.losses

@@ -56,9 +56,9 @@ def listen(address: PageAddress) -> socket.socket:
             address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
         server = socket.create_server(place[:2], family=family, backlog=BACKLOG)
-    except OSError as error:
-        number = error.errno or 0  # negative if the name is unknown
-        reason = os.strerror(number) if number > 0 else error.strerror
+    except (OSError, UnicodeError) as error:  # the latter for a name that can be none
+        number = getattr(error, "errno", None) or 0  # negative if the name is unknown
+        reason = os.strerror(number) if number > 0 else getattr(error, "strerror", error)
         raise UsageError(f"{where}: {reason}") from None
     server.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     return server

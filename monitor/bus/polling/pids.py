@@ -18,8 +18,8 @@ ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
 HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
 BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that tell which of the
-RANGE_TIMEOUT_S: Final = 600.0  # a range is a constant of the ECU; asked for first and seldom
 BITMAP_BYTES: Final = 4  # next 32 PIDs are supported, SAE J1979
+RANGE_TIMEOUT_S: Final = 600.0  # a range is a constant of the ECU; asked for first and seldom
 
 
 @dataclass(frozen=True, slots=True)

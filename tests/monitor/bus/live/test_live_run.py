@@ -1,6 +1,7 @@
 """``o2mon run --live``: the loop, the page and the command line together."""
 
 import json
+import re
 import socket
 import threading
 import time
@@ -67,15 +68,13 @@ def test_a_run_shows_its_page_while_it_judges(
         httpx.get(url)
 
 
-def test_a_port_that_is_taken_ends_the_command_before_the_loop(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_taken_port_or_a_false_host_ends_the_command(capfd: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        assert cli.main(["run", "-i", "virtual", "-c", CHANNEL, "--live", str(port)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == f"o2mon: --live 127.0.0.1:{port}: Address already in use\n"
+        here = f"127.0.0.1:{taken.getsockname()[1]}"
+        for where, why in ((here, "Address already in use"), (f"{'a' * 70}:80", "encod")):
+            assert cli.main(["run", "-i", "virtual", "-c", CHANNEL, "--live", where]) == 2
+            said = "".join(capfd.readouterr())
+            assert re.fullmatch(rf"o2mon: --live {where}: .*{why}.*\n", said)
 
 
 def test_a_page_that_others_can_reach_is_warned_of(
