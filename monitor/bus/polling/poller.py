@@ -154,7 +154,12 @@ class ObdPoller(Attachment):
         return Frame(0, can_id, self._addresses[self._at].is_extended, data)
 
     def _done(self, rest_s: float) -> None:
-        """Close the open request; the next one follows after a rest."""
+        """Close the open request; the next one follows after a rest.
+
+        Until there was an answer, it goes to the next address.
+        """
+        if not self.counters.answers:
+            self._at = (self._at + 1) % len(self._addresses)
         self._asked, self._rest_s = (), rest_s
         self._reassembly.is_running = self._flow_control = False
 
@@ -181,24 +186,20 @@ class ObdPoller(Attachment):
     def _negative(self, code: int) -> None:
         if code == PENDING:
             self._wait_s = PENDING_S
-        elif code == BUSY:
+            return
+        if code == BUSY:
             self.counters.busy += 1
-            self._done(_back_off_s(self._busy))
-            self._busy += 1
         else:
             self.counters.refused += 1
             self._silent = 0
             self.schedule.refused(self._asked)
-            self._done(_back_off_s(self._busy))
-            self._busy += 1
+        self._done(_back_off_s(self._busy))
+        self._busy += 1
 
     def _nothing_came(self) -> None:
         self.counters.silent += 1
         self._silent += 1
-        if self.schedule.is_first:
-            if not self.counters.answers:  # no ECU at this address
-                self._at = (self._at + 1) % len(self._addresses)
-        elif self._silent >= SILENT_MOST:
+        if self._silent >= SILENT_MOST:
             self.schedule.begin()
         else:
             self.schedule.silent(self._asked, self._silent)

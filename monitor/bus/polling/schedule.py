@@ -38,11 +38,6 @@ class Schedule:
         self._unanswered: dict[int, int] = {}  # PID → missing answers in a row
         self._single = 0  # answers until several PIDs are requested at once again
 
-    @property
-    def is_first(self) -> bool:
-        """Return whether the ECU has not answered yet."""
-        return self.bitmap == BITMAPS[0]
-
     def choose(self, now_s: float) -> tuple[int, ...]:
         """Return the PIDs of the next request, none if no PID is supported."""
         if self.bitmap is not None:
@@ -75,7 +70,7 @@ class Schedule:
 
     def refused(self, asked: Sequence[int]) -> None:
         """Record a negative answer."""
-        if self.is_first:
+        if self.bitmap == BITMAPS[0]:  # it has not answered yet
             return
         if self.bitmap is not None:
             self._know()  # the ranges read so far must do

@@ -200,8 +200,9 @@ def test_the_ecu_is_found_whichever_way_it_is_addressed(
     ecu = steady_ecu(
         requests=(*requests, 0x7E0) if response == 0x7E8 else requests, response=response
     )
-    if requests == (0x7DF,):  # a gateway that lets only flow control through
-        ecu.override = lambda r: [] if talk.bus.sent[-1][1].arbitration_id == 0x7E0 else None
+    if requests == (0x7DF,):  # a gateway that lets only flow control through, and refuses the rest
+        own = [b"\x7f\x01\x11"]
+        ecu.override = lambda r: own if talk.bus.sent[-1][1].arbitration_id == 0x7E0 else None
     talk = Conversation(ecu)
     talk.run(12.0)
     assert_as_the_ecu_has_it(talk)
@@ -268,9 +269,8 @@ def test_a_parameter_that_is_cut_short_says_nothing() -> None:
 def test_what_a_longer_answer_says_comes_at_the_time_of_its_last_frame() -> None:
     talk = Conversation(steady_ecu()).run(1.0)
     made = [f for f in talk.frames if len(f.data) < 8]
-    raw = [f for f in talk.frames if len(f.data) == 8]
     assert made
-    last = {f.t_ns for f in raw if f.data[0] >> 4 == 2}
+    last = {f.t_ns for f in talk.frames if len(f.data) == 8 and f.data[0] >> 4 == 2}
     assert {f.t_ns for f in made} <= last
     assert all(f.can_id == 0x7E8 and f.data[1] == 0x41 for f in made)
 
