@@ -12,10 +12,9 @@ from typing import Any, Final
 
 from monitor.base.counts import counted, plain
 from monitor.base.errors import ModelError
-from monitor.memory.codes import CONTINUOUS, TEST_OF, TESTS
+from monitor.memory.codes import CONTINUOUS, TEST_OF
 
 OF_MODEL: Final = ("response", "bias")  # tests that judge by the prediction
-INTERMITTENT: Final = "intermittent"  # shows without it, too
 LEAST_FOUND: Final = 0.5  # of the drives, for a fault to count as tested
 _COUNTS: Final = ("found", "false")
 LEAST_EXPLAINED: Final = 0.5  # of the least share so far; a drive with less may be another car's
@@ -25,7 +24,7 @@ LEAST_EXPLAINED: Final = 0.5  # of the least share so far; a drive with less may
 class Trust:
     """Counts of drives that the model had not seen."""
 
-    drives: int = 0  # judged; 0 if none was long enough
+    drives: int = 0  # judged; 0 where nothing is known, as of older models
     found: Mapping[str, int] | None = None  # drives in which each fault set a code; None: not known
     false: Mapping[str, int] | None = None  # healthy drives in which a fault set a code
     explained: float = 0.0  # least share of a healthy drive's reading that the model explained
@@ -44,33 +43,18 @@ class Trust:
     @property
     def untold(self) -> frozenset[str]:
         """Return the faults that set no code with this model, none of the tests without it."""
-        if self.is_untried:
-            return frozenset(name for test in OF_MODEL for name in TESTS[test]) - {INTERMITTENT}
         return frozenset(name for name in self.false or () if TEST_OF.get(name) not in CONTINUOUS)
-
-    @property
-    def is_untried(self) -> bool:
-        """Return whether no drive was long enough to try the model, so nothing is known of it."""
-        return self.found is not None and not self.drives
 
     @property
     def untested(self) -> tuple[str, ...]:
         """Return the faults that this model cannot exclude."""
-        least = max(LEAST_FOUND * self.drives, 1)
-        missed = [k for k, n in (self.found or {}).items() if n < least]
+        missed = [k for k, n in (self.found or {}).items() if n < LEAST_FOUND * self.drives]
         return tuple(dict.fromkeys((*missed, *sorted(self.untold))))
 
     def is_blind(self, test: str) -> bool:
         """Return whether the model can exclude no fault of a test, which then never passes."""
         faults = {name for name in self.found or () if TEST_OF.get(name) == test}
-        return self.is_untried or (bool(faults) and faults <= set(self.untested))
-
-    @property
-    def doubt(self) -> str:
-        """Return why a model that is known to find nothing judges no response."""
-        if self.is_untried:
-            return "no drive that it had not seen was long enough to try the model on"
-        return f"tried on {counted(self.drives, 'drive')}, the model finds none of its faults"
+        return bool(faults) and faults <= set(self.untested)
 
     def entry(self, explained: float | None = None) -> dict[str, Any]:
         """Return it for a result; {} where nothing is known.

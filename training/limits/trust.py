@@ -6,7 +6,7 @@ loop would answer in a car.
 
 from collections import Counter
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -30,40 +30,49 @@ LIMIT_FAULTS: Final = (
     ("biased_lean", 0.1),
     ("biased_rich", 0.1),
 )
-LEAST_WINDOWS: Final = 10  # of a drive that counts
+LEAST_WINDOWS: Final = 10  # of a drive that counts, if any has as many
 MOST_DRIVES: Final = 10
 MOST_S: Final = 3600.0  # of a drive
 
 
+class _Told(NamedTuple):
+    """What a model says of a drive."""
+
+    found: list[str]  # faults that were put on and set a code
+    false: set[str]  # that set a code without
+    explained: float
+
+
 def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dict[str, Any]:
-    """Return the trust of a card, whose limits judge; without drives of 10 windows it found none.
+    """Return the trust of a card, whose limits judge; {} if no drive has a window.
 
     where : name of the model, for errors
+    Where no drive has ten windows, shorter ones tell what there is to tell.
     """
     limits = Limits.from_card(replace(card, trust={}), config, where)
     faults = [resolve(name, severity) for name, severity in LIMIT_FAULTS]
     if card.transform != "phi":  # the unit of an offset is not known
         faults = [fault for fault in faults if not fault.offset_lambda]
-    found, false, drives = Counter({fault.name: 0 for fault in faults}), Counter[str](), 0
-    explained = list[float]()
+    told = list[_Told](), list[_Told]()  # of short drives, of long ones
     for model, recordings in unseen:
         for drive in map(_begin, recordings):
-            if drives == MOST_DRIVES:
+            if len(told[True]) == MOST_DRIVES:
                 break
             faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
             healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
-            if len(healthy.windows) < LEAST_WINDOWS:
-                continue
-            drives += 1
-            explained.append(healthy.explained or 0.0)
-            false.update({dtc.fault for dtc in healthy.dtcs})
             pairs = zip(faults, others, strict=True)
-            found.update(fault.name for fault, judged in pairs if judged.dtcs)
+            found = [fault.name for fault, judged in pairs if judged.dtcs]
+            own = _Told(found, {dtc.fault for dtc in healthy.dtcs}, healthy.explained or 0.0)
+            if healthy.windows:
+                told[len(healthy.windows) >= LEAST_WINDOWS].append(own)
+    drives = told[True] or told[False]
+    if not drives:
+        return {}
     return {
-        "drives": drives,
-        "found": dict(found),
-        "false": dict(false),
-        "explained": min(explained, default=0.0),
+        "drives": len(drives),
+        "found": {fault.name: sum(fault.name in each.found for each in drives) for fault in faults},
+        "false": dict(Counter(name for each in drives for name in each.false)),
+        "explained": min(each.explained for each in drives),
         "severity": {fault.name: fault.severity for fault in faults},
     }
 

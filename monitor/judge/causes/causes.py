@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import Config
-from monitor.base.counts import duration, plain
+from monitor.base.counts import counted, duration, plain
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
@@ -275,7 +275,8 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
     """Return why tests have no decision though most samples could be judged."""
     trust = asked.limits.trust if asked.limits else UNKNOWN
     if blind := [test for test in judgement.unfinished if trust.is_blind(test)]:
-        advice = f"{trust.doubt}: train on more drives, unlike each other"
+        said = f"tried on {counted(trust.drives, 'drive')}, the model finds none of its faults"
+        advice = f"{said}: train on more drives, unlike each other"
         return [Cause(blind[0], None, None, "model", advice)]
     n, excited = judgement.windows, judgement.excited
     tests = ", ".join(judgement.unfinished)

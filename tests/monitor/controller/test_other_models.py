@@ -21,7 +21,7 @@ from training.fleet.reading import Read
 
 LOGS = ("gain_low_micro_trips_v110_s116.blf", "stuck_lean_micro_trips_v113_s119.blf")
 LATE = {"lead_s": 0.17, "delays_s": (0.13, 0.25, 0.4, 0.66, 1.1, 1.9)}  # parts of a sample
-UNTRIED = {"drives": 0, "found": dict.fromkeys(TESTS["response"], 0), "false": {}}
+BLIND = {"drives": 1, "found": dict.fromkeys(TESTS["response"], 0), "false": {}}
 DRIVES = {"drives": 3, "found": {"gain_low": 3}, "false": {"gain_low": 1}}
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 
@@ -45,7 +45,7 @@ def other(response: dict[str, Any] | None = None, **card: Any) -> Setup:
 def test_another_card_other_settings_and_signals_give_the_same_verdicts(
     kind: str, drives: list[Read], tmp_path: Path
 ) -> None:
-    # GIVEN a model whose reading may stand still, that mistakes a fault or was never tried, delays
+    # GIVEN a model whose reading may stand still, that mistakes a fault or finds none, delays
     # between samples, or a controller without any signal but the model's, one with a name that is
     # none in C
     own = {"air_mass_mg": 'Luft "T" [°C]'} if kind == "bare" else {}
@@ -53,7 +53,7 @@ def test_another_card_other_settings_and_signals_give_the_same_verdicts(
     setup = {
         "still": lambda: other(limits={"still_s": 40.0, "still_end_s": 300.0}),
         "trust": lambda: other(trust=DRIVES),
-        "blind": lambda: other(trust=UNTRIED),
+        "blind": lambda: other(trust=BLIND),
         "late": lambda: other(LATE),
         "bare": lambda: other(inputs=[replace(c, name=own.get(c.name, c.name)) for c in channels]),
     }[kind]()

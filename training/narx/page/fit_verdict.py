@@ -44,8 +44,7 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
         f"{correlation:.3f}{bounds} with the measured {card.output.name} "
         f"and an RMSE of {short(rmse)} {unit}".rstrip()
     )
-    if trust.found:
-        reason = f"{in_words(trust.entry()) or trust.doubt}; {reason}"
+    reason = "; ".join(filter(None, (in_words(trust.entry()), reason)))
     if is_good:
         return f"The model {does} its {subject}: {reason}.", "good"
     if is_bad:
