@@ -17,6 +17,7 @@ from monitor.decode.raw_values import last_byte
 ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
 HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
+MOST_PIDS: Final = 6  # per request, SAE J1979
 BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that tell which of the
 BITMAP_BYTES: Final = 4  # next 32 PIDs are supported, SAE J1979
 RANGE_TIMEOUT_S: Final = 600.0  # a range is a constant of the ECU; asked for first and seldom
@@ -75,15 +76,15 @@ def lengths(bus_map: BusMap, parameters: Iterable[ObdParameter]) -> Mapping[int,
     return n_bytes
 
 
-def interval_s(parameters: Sequence[ObdParameter], rate_hz: float, at_once: int = 6) -> float:
+def interval_s(parameters: Sequence[ObdParameter], rate_hz: float) -> float:
     """Return the approximate interval in s at which polling brings the fastest signals.
 
-    rate_hz : requests per second, each with ``at_once`` PIDs
+    rate_hz : requests per second, each with ``MOST_PIDS`` PIDs
     A PID is polled in inverse proportion to its timeout.
     """
     fastest_s = min(parameter.timeout_s for parameter in parameters)
     shares = sum(fastest_s / parameter.timeout_s for parameter in parameters)
-    return shares / (at_once * rate_hz)
+    return shares / (MOST_PIDS * rate_hz)
 
 
 def _pids(message: Message, signal: Signal) -> tuple[int, ...]:

@@ -33,7 +33,7 @@ from monitor.bus.polling.schedule import Schedule
 ADDRESSES: Final = tuple(map(EcuAddress.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
 DEFAULT_RATE_HZ: Final = 12.0  # requests; an ECU answers about 10 to 20 per second
 TIMEOUT_S: Final = 0.25  # an ECU has 0.05 s by the standard; gateways and adapters add to it
-PENDING_S: Final = 5.0  # timeout after "response pending", P2* of ISO 15765-4
+PENDING_S: Final = 5.0  # the same after "response pending", P2* of ISO 15765-4
 BACK_OFF_S: Final = 0.25  # first pause; it doubles
 MOST_BACK_OFF_S: Final = 5.0
 SILENT_MOST: Final = 4  # requests in a row without an answer after which polling starts anew
@@ -185,7 +185,7 @@ class ObdPoller(Attachment):
 
     def _negative(self, code: int) -> None:
         if code == PENDING:
-            self._wait_s = PENDING_S
+            self._deadline_s = self._sent_s + PENDING_S
             return
         if code == BUSY:
             self.counters.busy += 1

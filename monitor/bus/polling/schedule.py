@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from monitor.bus.polling.answer import supported
-from monitor.bus.polling.pids import BITMAPS, ObdParameter
+from monitor.bus.polling.pids import BITMAPS, MOST_PIDS, ObdParameter
 
-MOST_PIDS: Final = 6  # per request, SAE J1979
 SINGLE: Final = 60  # answers to single PIDs after which several are requested again
 PATIENCE: Final = 3  # missing answers after which a PID is polled alone; twice as many drop it
 
