@@ -61,9 +61,8 @@ class Hub:
 
         Without a place, or with one that has left the ring, it returns a snapshot.
         """
-        if place is None or self._count - place > len(self._ring):
-            return self._count, self.snapshot()
         while place == self._count:
             await self._news.wait()
-        missed = min(self._count - place, len(self._ring))
-        return self._count, b"".join(list(self._ring)[-missed:])
+        if place is None or self._count - place > len(self._ring):
+            return self._count, self.snapshot()
+        return self._count, b"".join(list(self._ring)[place - self._count :])
