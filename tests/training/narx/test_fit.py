@@ -320,7 +320,7 @@ def test_fit_and_evaluate_on_the_command_line(
     assert done == 0
     out = capsys.readouterr().out
     assert "held out, enabled samples: free run fit" in out
-    assert "The model follows its vehicle" in out
+    assert "its vehicle in part: tried on" in out
     call = ["evaluate", "--model", model, str(tmp_path / "drive2.csv"), "--json", str(figures)]
     assert main(call) == 0
     # THEN the figures are there, and a model that is missing is an error of one line
