@@ -88,7 +88,7 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
     if not entry:
         return ""
     said = f"finds {entry['tested']} of {entry['faults']} faults"
-    if entry["not_tested"]:
+    if entry["tested"] and entry["not_tested"]:
         said += f"; not tested: {', '.join(entry['not_tested'])}"
     share, before = entry.get("explained"), entry.get("explained_before", 0.0)
     if share is not None and share < LEAST_EXPLAINED * before:
