@@ -103,6 +103,8 @@ class Judging:
         """Store the last changes, and the reference that this driving cycle taught."""
         self.store()
         self._learn(self.pipeline.monitor.decisions.seen)
+        if self.is_failing:
+            self._say("the last changes of the fault memory are lost: they could not be stored")
 
     def result(self, path: str, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the run so far as a recording's entry of ``o2mon.replay/1``."""

@@ -32,15 +32,13 @@ class Out:
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
         self._number = _not_blocking(stream)
-        self._waiting: deque[str] = deque(maxlen=WAITING_LINES)
+        self.waiting = deque[str](maxlen=WAITING_LINES)
         self._rest = b""  # of what was begun
         self._drawn = ""
-        self.dropped = 0
 
     def say(self, line: str) -> None:
         """Print a line, above the one that is drawn."""
-        self.dropped += len(self._waiting) == WAITING_LINES
-        self._waiting.append(line)
+        self.waiting.append(line)
         self.flush()
 
     def draw(self, line: str) -> None:
@@ -51,8 +49,8 @@ class Out:
 
     def flush(self) -> None:
         """Print the waiting lines, as far as the reader takes them."""
-        while self._waiting and self._is_free():
-            line = self._waiting.popleft()
+        while self.waiting and self._is_free():
+            line = self.waiting.popleft()
             self._write(f"{_ERASE}{line}\n{self._drawn}" if self._drawn else f"{line}\n")
 
     def close(self) -> None:

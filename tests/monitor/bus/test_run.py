@@ -1,6 +1,7 @@
 """The live loop, on a bus that is played from memory; the real bus is in tests/vcan."""
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,16 @@ def test_a_memory_that_cannot_be_written_is_told_once_and_all_is_stored_before_t
     assert "P015A" in {d.code for d in memory.load().dtcs if d.state}
     assert stored == [memory.load()]
     memory.close()
+
+
+def test_codes_that_are_not_stored_by_the_end_are_not_kept_secret(
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
+) -> None:
+    said = list[str]()
+    with closing(FullDisk(tmp_path / "o2.db")) as memory:
+        memory.tries_left = 1_000_000
+        played_on(late_sensor, setup, memory=memory, say=said.append)
+    assert said[-1].endswith("they could not be stored")
 
 
 def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(

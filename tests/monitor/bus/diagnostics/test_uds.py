@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.bus.diagnostics.server import answer
-from monitor.bus.diagnostics.uds import dtc_bytes
+from monitor.bus.diagnostics.uds import REPORTS, dtc_bytes
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import Ratio
 from tests.helpers.bus.diagnostics_state import Vehicle, ask, tick
@@ -126,6 +126,11 @@ def test_what_cannot_be_answered_is_refused_with_its_reason(request_: str, code:
     assert ask(request_) == f"7f {request_[:2].lower()} {code}"
     sent_to_all = ask(request_, functional=True)
     assert sent_to_all == (None if code in ("11", "12", "31") else f"7f {request_[:2]} {code}")
+
+
+def test_all_other_reports_of_codes_are_refused() -> None:
+    for subfunction in {*range(0x80)} - {*REPORTS}:
+        assert ask(f"19 {subfunction:02X} 01 33 00 FF") == "7f 19 12"
 
 
 @inputs(500)
