@@ -26,7 +26,6 @@ UNSEEN_DRIVES: Final = "recordings that the constants have not seen"
 WHOLE: Final = "the recordings"
 HELD_OUT_BLOCKS: Final = "blocks held out of the recordings"
 PHI: Final = "phi = 1 / lambda, outside fuel cut"
-NOTHING_FITTED: Final = "recordings to which nothing was fitted"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +111,7 @@ class Result:
             measured_on = HELD_OUT_DRIVES if self.inputs.verify else unseen
             return whole.before, after, verified.overall.floor, measured_on
         after = error.after if added else None
-        measured_on = HELD_OUT_BLOCKS if self.tried else NOTHING_FITTED
+        measured_on = HELD_OUT_BLOCKS if self.tried else WHOLE
         return error.before, after, error.floor, measured_on
 
     @property

@@ -19,6 +19,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
 from training.gap.inputs import suitability
+from training.gap.inputs.roles import Material
 from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdict
 from training.gap.response.difference import Difference, difference_of
 from training.gap.response.reference import ResponseReference
@@ -35,10 +36,8 @@ RUNS_MIN: Final = CONFIG.response.runs_min
 
 
 def investigate(
-    model: Path,
+    material: Material,
     card: ModelCard,
-    recordings: Sequence[Recording],
-    healthy: Sequence[Recording],
     missing: Mapping[str, Sequence[str]],
     *,
     sensor_known_good: bool,
@@ -46,10 +45,13 @@ def investigate(
 ) -> Result:
     """Return in what the recordings differ from the healthy ones, and the verdict that allows.
 
+    material : recordings that verify are compared like the others
     missing : signal that the chain needs → recordings without it
     Raises RecordingError if healthy recordings are too few, an input of the model is missing or too
     little can be scored.
     """
+    model, healthy = material.model, material.healthy
+    recordings = (*material.recordings, *material.verify)
     if len(healthy) < RUNS_MIN:
         raise RecordingError(
             f"{model}: on these recordings no effect of the library can be tried; to compare them "
@@ -78,7 +80,10 @@ def investigate(
             warnings=(_warning(missing),),
         ),
         unknown=best.sentence if best is not None and verdict == "unknown_effect" else None,
-        warnings=tuple(suitability.poor_model_warnings(card)),
+        warnings=(
+            *suitability.poor_model_warnings(card),
+            *suitability.seen_in_fit_warnings(card, material),
+        ),
         seconds=time.monotonic() - began_s,
     )
 

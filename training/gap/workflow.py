@@ -31,6 +31,9 @@ from training.jobs import Progress
 
 NEW_MODEL: Final = "model.onnx"
 OFFER: Final = "offer.onnx"
+ONE_RECORDING: Final = (
+    "one recording: nothing could be held out, the figures are of held-out blocks"
+)
 
 
 def investigate(
@@ -59,11 +62,9 @@ def investigate(
     missing = suitability.check_files(material.roles, card, material.model.name)
     if missing or card.transform != "phi":
         return run_comparison.investigate(
-            model=material.model,
-            card=card,
-            recordings=(*material.recordings, *material.verify),
-            healthy=material.healthy,
-            missing=missing,
+            material,
+            card,
+            missing,
             sensor_known_good=options.sensor_known_good,
             progress=progress,
         )
@@ -156,5 +157,6 @@ def _warnings(
         *suitability.poor_model_warnings(card),
         *addition.warnings,
         *uncertain(addition.effects),
-        *suitability.held_out_warnings(card, material),
+        *suitability.seen_in_fit_warnings(card, material),
+        *([ONE_RECORDING] if len(material.recordings) == 1 and not material.verify else []),
     )

@@ -17,6 +17,8 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from training.gap.inputs import suitability
 from training.gap.inputs.roles import GapOptions, Material
+from training.gap.inputs.subject import Subject
+from training.gap.name.knowledge import Knowledge
 from training.gap.result import Result
 from training.gap.workflow import investigate
 from training.greybox.chain import Constants
@@ -117,9 +119,8 @@ def test_without_healthy_recordings_an_effect_is_named_as_with_them(
         # the card's reference is of the chain with the vehicle's own volumes, not of it alone
         assert alone.addition.effects[0].parameters[name] == pytest.approx(value, rel=0.1)
     assert alone.naming.base.reference == pytest.approx(known().base, rel=1e-5)
-    text = [w for w in alone.all_warnings if "no healthy recordings were given" in w]
-    assert len(text) == 1
-    assert "of 4 recordings" in text[0]
+    (text,) = (w for w in alone.all_warnings if "no healthy recordings were given" in w)
+    assert "of 4 recordings" in text
     assert not any("no healthy recordings" in w for w in given.all_warnings)
     # AND the new model has the reference with which its constants go
     assert given.addition.path is not None
@@ -169,15 +170,19 @@ def test_walls_that_a_model_has_taken_in_are_named_and_not_added_again(tmp_path:
 
 def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Path) -> None:
     card = Model.load(chain).card
-    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)
-    assert suitability.seen_in_fit_warnings(card, driven) == []
-    (warning,) = suitability.seen_in_fit_warnings(card, (*driven, healthy[1]))
-    assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to them")
-    # and what is held out should be none of them
-    assert suitability.held_out_warnings(card, Material(chain, driven)) == []
-    both = Material(chain, driven, verify=healthy[1:2])
-    (warning,) = suitability.held_out_warnings(card, both)
-    assert warning.startswith(f"{healthy[1].path.name}: the model was fitted to what is held out")
+    driven, one = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[1:2]
+    assert suitability.seen_in_fit_warnings(card, Material(chain, driven)) == []
+    for given in ((driven + one,), (driven, (), one), (one, one)):
+        (warning,) = suitability.seen_in_fit_warnings(card, Material(chain, *given))
+        assert warning.startswith(f"{one[0].path.name}: the model was fitted to them")
+        assert ("counts as healthy" in warning) == (given[0] != one)
+
+
+def test_two_healthy_recordings_are_said_not_to_tell_how_healthy_drives_differ(chain: Path) -> None:
+    driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[:2]
+    given = Subject.of(Material(chain, driven, healthy), Model.load(chain).card)
+    (doubt,) = Knowledge.of(given, None, None, lambda _: None).doubts
+    assert doubt.startswith("fewer than 3 healthy recordings")
 
 
 def test_a_model_extended_without_healthy_recordings_has_no_gap_left(

@@ -30,7 +30,8 @@ from training.recordings.recording import Recording, training_recording
 
 NO_BETTER: Final = (
     "what was named is not added: with constants from the other recordings the model predicts a "
-    "recording no better; it follows the effect already, or this is another in every drive"
+    "recording no better; it follows the effect already, this is another in every drive, or "
+    "one drive alone holds what a constant needs, such as a cold start"
 )
 IN_CHAIN: Final = "It stands inside the chain, where it acts on the mixture's way."
 AT_OUTPUT: Final = "To the network's output comes the chain with it less the chain without it."

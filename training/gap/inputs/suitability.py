@@ -129,32 +129,18 @@ def poor_model_warnings(card: ModelCard) -> list[str]:
     ]
 
 
-def seen_in_fit_warnings(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
-    """Return a warning if the model was fitted to the recordings in which the gap is sought."""
+def seen_in_fit_warnings(card: ModelCard, material: Material) -> list[str]:
+    """Return a warning if the model was fitted to recordings in which the gap is sought."""
+    fitted_to = {each.sha256 for each in card.recordings}
+    looked_at = (*material.recordings, *material.verify)
+    names = ", ".join(each.path.name for each in looked_at if each.sha256 in fitted_to)
+    if not names:
+        return []
+    counts = "" if material.healthy else ", and a gap that they have counts as healthy"
     return [
-        f"{names}: the model was fitted to them, so a gap that they have counts as "
-        "healthy; give recordings of the vehicle without it as --healthy"
-        for names in _fitted_to(card, recordings)
+        f"{names}: the model was fitted to them, so its error is of drives that it knows{counts}; "
+        "give other recordings"
     ]
-
-
-def held_out_warnings(card: ModelCard, material: Material) -> list[str]:
-    """Return a warning if nothing is held out of the new model's fit, or was in the old one's."""
-    recordings = material.verify or material.recordings
-    if not material.verify and len(recordings) == 1:
-        return ["one recording: nothing could be held out, the figures are of held-out blocks"]
-    return [
-        f"{names}: the model was fitted to what is held out here, so its error before is "
-        "of drives that it knows; give other recordings as --verify"
-        for names in _fitted_to(card, recordings)
-    ]
-
-
-def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> list[str]:
-    """Return the names of the recordings that the model was fitted to as one text, if any."""
-    known = {each.sha256 for each in card.recordings}
-    own = [each.path.name for each in recordings if each.sha256 in known]
-    return [", ".join(own)] if own else []
 
 
 def unlearned_effect_warnings(

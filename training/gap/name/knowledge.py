@@ -7,8 +7,8 @@ reference in the model's card, last the card's constants alone.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
-from training.gap.inputs import suitability
 from training.gap.inputs.subject import Subject
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
@@ -16,6 +16,11 @@ from training.healthy import card as reference_card
 from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
 from training.jobs import Progress
+
+FEW_HEALTHY: Final = (
+    f"fewer than {yardstick.GROUPS_LEAST} healthy recordings: how healthy drives differ is not "
+    "known, and an effect or fault that is named may be such a difference"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +46,8 @@ class Knowledge:
             learned = reference_card.kept(
                 kept, lambda: yardstick.learn(subject.healthy_drives(), start, progress)
             )
-            return cls(start, learned)
-        known, doubts = reference_card.known_of(subject.card)
-        fitted_to = suitability.seen_in_fit_warnings(subject.card, subject.material.recordings)
-        return cls(start, known, [*doubts, *fitted_to])
+            return cls(start, learned, [] if learned.surplus else [FEW_HEALTHY])
+        return cls(start, *reference_card.known_of(subject.card))
 
     @property
     def base(self) -> Constants:
