@@ -32,10 +32,6 @@ def fault_memory(store: DtcStore) -> dict[str, Any]:
             }
             for ratio in sorted(store.supported_ratios, key=lambda r: list(TESTS).index(r.test))
         ],
-        "results": [
-            [r.test, r.quantity, _rounded(r.value), _rounded(r.low), _rounded(r.high)]
-            for r in store.results
-        ],
         "counts": {
             "ignition cycles": counts.ignition_cycles,
             "general denominator": counts.general_denominator,
@@ -66,8 +62,3 @@ def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
             "values": [[words(n), value_text(n, v)] for n, v in frame.values.items()],
         },
     }
-
-
-def _rounded(value: float) -> float | None:
-    """Return a value for JSON; an open limit becomes None."""
-    return round(value, 4) if abs(value) < float("inf") else None

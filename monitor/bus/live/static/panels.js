@@ -246,8 +246,8 @@ function kindOf(name, value) {
 let memoryText = "";
 function memory(state, changed) {
   if (!changed.memory) return;
-  const { tests, counts, results, behind } = state.memory;
-  const text = JSON.stringify([tests, counts, results, behind]);
+  const { tests, counts, behind } = state.memory;
+  const text = JSON.stringify([tests, counts, behind]);
   if (text === memoryText) return;
   memoryText = text;
   const body = fresh("memory");
