@@ -54,8 +54,8 @@ def investigate(
     recordings = (*material.recordings, *material.verify)
     if len(healthy) < RUNS_MIN:
         raise RecordingError(
-            f"{model}: on these recordings no effect of the library can be tried; to compare them "
-            f"with healthy ones (--healthy, {len(healthy)} here), {RUNS_MIN} or more are wanted"
+            f"{model}: {_untried(missing)}; to compare runs with healthy ones (--healthy, "
+            f"{len(healthy)} here), {RUNS_MIN} or more are wanted"
         )
     began_s = time.monotonic()
     progress("comparing runs")
@@ -77,7 +77,7 @@ def investigate(
             trials=Trials(skipped={e.name: tuple(missing) for e in ALL} if missing else {}),
             base=None,
             error=BlockError(before=error, after=None, floor=reference.error, explained_share=nan),
-            warnings=(_warning(missing),),
+            warnings=(f"{_untried(missing)}; the verdict is by a comparison of runs",),
         ),
         unknown=best.sentence if best is not None and verdict == "unknown_effect" else None,
         warnings=(
@@ -101,13 +101,11 @@ def _beside(model: Path, card: ModelCard, recordings: Sequence[Recording]) -> li
     ]
 
 
-def _warning(missing: Mapping[str, Sequence[str]]) -> str:
+def _untried(missing: Mapping[str, Sequence[str]]) -> str:
+    """Return that no effect could be tried, and why: the output, or what recordings lack."""
     names = sorted({name for group in missing.values() for name in group})
     why = "" if not missing else f", and {', '.join(names)} cannot give {', '.join(missing)}"
-    return (
-        "no effect could be tried: the library acts on lambda through the chain of charge and "
-        f"fuel{why}; the verdict is by a comparison of runs"
-    )
+    return f"no effect could be tried: the library acts on lambda through charge and fuel{why}"
 
 
 def _verdict(difference: Difference, *, sensor_known_good: bool) -> tuple[Verdict, str | None]:

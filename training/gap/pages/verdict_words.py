@@ -161,7 +161,7 @@ def _take_over(result: Result) -> list[str]:
         ]
     new_model = result.addition.path
     if new_model is None:
-        return ["No model file was written."]
+        return ["Keep the model: no new one was written, and the warnings say why."]
     verified = result.verified
     if not _is_better(result):
         return [

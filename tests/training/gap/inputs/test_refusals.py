@@ -206,4 +206,4 @@ def test_without_fuel_and_air_healthy_recordings_are_wanted(
 ) -> None:
     dry, one = (table(tmp_path, i, without=DRY) for i in (9, 10))
     for healthy in ([], ["--healthy", one]):
-        assert "3 or more are wanted" in refused(network, dry, *healthy)
+        assert re.search("drive_9.csv cannot .*, 3 or more", refused(network, dry, *healthy))
