@@ -153,7 +153,6 @@ def response_limits(config: Config, limits: Limits) -> dict[str, float]:
     response = config.response
     return {
         "lag_s": response.lag_limit_s,
-        "lag_symmetric_s": response.lag_limit_symmetric_s,
         "dead_time_s": response.delay_limit_s,
         "gain_sound": response.gain_sound_min * limits.gain_expected,
         "gain_most": response.gain_max * limits.gain_expected,

@@ -76,7 +76,6 @@ class LiveFeed(Attachment):
             "channel": channel,
             "model": setup.model.path.name,
             "output": card.output.name,
-            "period_s": card.period_ns * 1e-9,
             "window_samples": setup.config.window.n_samples,
             "conditions": self._conditions.wanted(),
             "limits": response_limits(setup.config, monitor.limits),
