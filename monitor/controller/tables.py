@@ -153,6 +153,8 @@ def _numbers(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     yield from _of_movement(source)
     yield from _of_bias(limits, config)
     yield from _of_electrical(source)
+    for test in OF_MODEL:
+        yield f"BLIND_{test.upper()}", limits.trust.is_blind(test), "excludes none of its faults"
     yield "COUNT_FAIL", config.debounce.response_fail, "steps of a counter for a failed window"
     yield "COUNT_PASS", config.debounce.response_pass, "steps for a passed one"
     fail, passed = ticks_to_mature(config.debounce, source.period_s)
@@ -209,8 +211,6 @@ def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
 
 def _of_bias(limits: Limits, config: Config) -> Iterator[tuple[str, float | bool, str]]:
     own = config.bias
-    for test in OF_MODEL:
-        yield f"BLIND_{test.upper()}", limits.trust.is_blind(test), "excludes none of its faults"
     yield "BIAS_CERTAINTY", own.certainty, "standard deviations"
     yield "BIAS_MEMORY", own.memory, "kept per window"
     yield "BIAS_WINDOWS", int(own.n_windows), "windows"
