@@ -189,11 +189,12 @@ def as_json(result: Result) -> dict[str, Any]:
 
 
 def _steps(result: Result) -> list[dict[str, Any]]:
-    """Return the error of the model as it came and after each effect; none if none was tried."""
-    first = {"added": None, "rmse": result.naming.error.before}
-    rounds = result.naming.trials.rounds
-    then = [{"added": r.effect.name, "rmse": r.rmse} for r in rounds]
-    return [first, *then] if result.tried else []
+    """Return the error of the model as it came and with each effect; none if none was tried."""
+    steps: list[tuple[str | None, float]] = [(None, result.naming.error.before)]
+    steps += [(r.effect.name, r.rmse) for r in result.naming.trials.rounds]
+    added = [each.name for each in result.addition.effects if result.addition.path]
+    told = [{"named": n, "added": n if n in added else None, "rmse": rmse} for n, rmse in steps]
+    return told if result.tried else []
 
 
 def _where(result: Result) -> list[dict[str, Any]]:
@@ -234,7 +235,7 @@ def _effect(result: Result, chosen: Candidate) -> dict[str, Any]:
         "runner_up": None if second is None else second.name,
         "runner_up_score": None if second is None else second.merit.score,
         "separated": result.verdict == "named",  # it alone holds 95 % of the probability
-        "added": own is not None,
+        "added": own is not None and result.addition.path is not None,
     }
 
 

@@ -82,20 +82,15 @@ def _of_effects(
         first = ranking[0]
         may_lead = first.kind == "effect" and first.merit.is_large
         part = first if may_lead else None
-        experiment = _next_drive(state, [c for c in ranking[:2] if c.merit.is_large])
+        experiment = propose(state, [c.fit for c in ranking[:2] if c.merit.is_large])
         return StepOutcome(
             "unknown_effect", ranking, experiment=experiment, posterior=odds, part=part
         )
     best = tuple(among[:AMBIGUOUS_MOST])
-    experiment = _next_drive(state, best)
+    experiment = propose(state, [c.fit for c in best])
     one: Verdict = "unknown_effect" if best[0].is_reversed else "named"
     verdict: Verdict = "ambiguous" if len(best) > 1 else one
     return StepOutcome(verdict, ranking, best=best, experiment=experiment, posterior=odds)
-
-
-def _next_drive(state: BaseState, candidates: Sequence[Candidate]) -> str | None:
-    """Return the drive that tells candidates apart, None of less than two."""
-    return propose(state, [c.fit for c in candidates]) if len(candidates) > 1 else None
 
 
 def _at_fault(

@@ -24,13 +24,15 @@ ONE_LOOK: Final = JointSearch(NEARBY.scale, NEARBY.tolerance, 1)  # errors and s
 
 
 def propose(state: BaseState, candidates: Sequence[JointFit]) -> str | None:
-    """Return the manoeuvre that parts candidates most; None if they need other signals.
+    """Return the manoeuvre that parts candidates most; None of one or if they need other signals.
 
     That is the sum of squares, in sigma, that a rival leaves of what the leader reads, after its
     constants have followed as far as the present drives let them, where healthy drives have been.
     Source: Atkinson and Fedorov, The design of experiments for discriminating between two rival
     models, Biometrika 62 (1975).
     """
+    if len(candidates) < 2:
+        return None
     drives, known = courses(state.case.drives), state.known
     if known is not None:
         drives = {name: known.known_of(drive) for name, drive in drives.items()}

@@ -74,7 +74,7 @@ def name(
         found = Advance(first, unknown, (), found.first, odds)
         naming = answer(found)
     if naming.verdict == "unknown_effect" and not naming.answer.effects:
-        naming = _with_formula(naming, formula, found.first)
+        naming = _with_formula(naming, formula, first, found.first)
     return naming
 
 
@@ -82,7 +82,9 @@ def _likeliest_first(odds: Posterior) -> Posterior:
     return dict(sorted(odds.items(), key=lambda each: -each[1]))
 
 
-def _with_formula(naming: Naming, begun: FirstTerm | None, ranking: Sequence[Candidate]) -> Naming:
+def _with_formula(
+    naming: Naming, begun: FirstTerm | None, first: BaseState, ranking: Sequence[Candidate]
+) -> Naming:
     """Return the naming of an unknown effect with its formula.
 
     The library goes before: a sensor fault or a reversed effect that a formula does not clearly
@@ -93,17 +95,18 @@ def _with_formula(naming: Naming, begun: FirstTerm | None, ranking: Sequence[Can
     if begun is None:
         found = next((c for c in library if c is ranking[0]), None)
     else:
-        found = unbeaten(begun.of, begun.rival, library)
+        found = unbeaten(first, begun.rival, library)
     if found is not None and found.is_reversed:
         odds = dict(naming.posterior)  # the formula stands for other causes, and does not beat it
         odds[found.label] = odds.get(found.label, 0.0) + odds.pop(UNKNOWN)
         answer = replace(naming.answer, effects=(found,))
-        return replace(naming, answer=answer, posterior=_likeliest_first(odds))
+        error = _error(first, (found,))
+        return replace(naming, answer=answer, error=error, posterior=_likeliest_first(odds))
     if found is not None:
         return replace(naming, answer=replace(naming.answer, suspected=found.name))
     if begun is None:
         return naming
-    formula = formula_of(begun)
+    formula = formula_of(begun, first)
     return replace(
         naming,
         answer=replace(naming.answer, effects=formula.terms),
@@ -136,7 +139,8 @@ def _answer(
 ) -> Naming:
     last, outcome, rounds = found.last, found.outcome, found.rounds
     added = tuple(r.effect for r in rounds) if outcome.verdict == "named" else ()
-    error = _error(first, last, with_effects=bool(added))
+    effects = added or (outcome.best if outcome.verdict in CANDIDATES else ())
+    error = _error(first, () if outcome.verdict == "ambiguous" else effects)
     verdict, odds = outcome.verdict, found.posterior
     if verdict == "no_gap" and _is_larger(error.before, first.case.drives, known):
         verdict = "unknown_effect"
@@ -144,7 +148,7 @@ def _answer(
     return Naming(
         verdict=verdict,
         answer=Answer(
-            effects=added or (outcome.best if outcome.verdict in CANDIDATES else ()),
+            effects=effects,
             suspected=outcome.suspected,
             indistinguishable=outcome.best if verdict == "sensor_fault_suspected" else (),
             beside=found.beside if verdict in ("named", "sensor_fault_suspected") else (),
@@ -158,11 +162,12 @@ def _answer(
     )
 
 
-def _error(first: BaseState, last: BaseState, with_effects: bool) -> BlockError:
+def _error(first: BaseState, added: Sequence[Candidate]) -> BlockError:
+    """Return the error without effects and with them; the last one's fit has all."""
     explained = float(scoring.explained(first.current, first.roof, first.case.blocks).sum())
     return BlockError(
         before=held_out_rmse(first.case, first.current),
-        after=held_out_rmse(last.case, last.current) if with_effects else None,
+        after=held_out_rmse(first.case, added[-1].fit) if added else None,
         floor=scoring.floor_phi(first.case, first.current),
         explained_share=explained / float(first.deviance.sum()),
     )

@@ -154,12 +154,9 @@ def actions(result: Result) -> list[str]:
 
 
 def _take_over(result: Result) -> list[str]:
-    if result.addition.offer is not None:
-        return [
-            f"Keep the model, or use {result.addition.offer} knowing this: "
-            f"{result.addition.withdrawn}."
-        ]
-    new_model = result.addition.path
+    new_model, offer = result.addition.path, result.addition.offer
+    if offer is not None:
+        return [f"Keep the model, or use {offer} knowing this: {result.addition.withdrawn}."]
     if new_model is None:
         return ["Keep the model: no new one was written, and the warnings say why."]
     verified = result.verified
@@ -199,11 +196,10 @@ def _describe(result: Result) -> list[str]:
                 "or to recordings with the present target."
             )
         return found or ["Look at the answers under What: the surest come first."]
-    if result.addition.path is not None:
-        found.append(
-            f"{result.addition.path} has the formula, found in these recordings and not in a "
-            "library: use it within their speeds, loads and temperatures."
-        )
+    if result.addition.effects:
+        found += _take_over(result)
+        if any(c.kind == "empirical" for c in result.effects):
+            found.append("Do not use its formula beyond these speeds, loads and temperatures.")
     if result.naming.answer.experiment is not None:
         found += _drive(result)
     return [*found, "Look at the errors by regime under How much for what the library lacks."]

@@ -54,18 +54,13 @@ def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_ot
 
 
 def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
-    (text,) = suitability.unlearned_effect_warnings(
-        [recording(1)], [recording(2, without=["rail_pressure_mpa"])]
-    )
+    def warned(*lacking: str) -> list[str]:
+        return suitability.unlearned_effect_warnings([recording(1)], [recording(2, lacking)])
+
+    (text,) = warned("rail_pressure_mpa")
     assert text.startswith("rail_exponent: healthy recordings lack rail_pressure_mpa")
-    assert suitability.unlearned_effect_warnings([recording(1)], [recording(2)]) == []
-    # and the air meter tells the speed
-    assert (
-        suitability.unlearned_effect_warnings(
-            [recording(1)], [recording(2, without=["engine_speed_rpm"])]
-        )
-        == []
-    )
+    assert warned() == []
+    assert warned("engine_speed_rpm") == []  # the air meter tells it
 
 
 def test_a_model_that_hardly_follows_its_own_vehicle_is_warned_of() -> None:
@@ -82,11 +77,7 @@ def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
     assert f"{name} is 0.2 mg/stroke with a standard error of 0.3" in uncertain([doubtful])[0]
     unseen = replace(sure, standard_errors={name: 0.0})
     assert "do not determine" in uncertain([unseen])[0]
-
-
-def test_a_share_of_about_none_is_known_as_well_as_any_other_and_warned_of_only_if_it_is_not() -> (
-    None
-):
+    # and a share of about none is known as well as any other
     leak = ModelEffect.with_values("exhaust_leak", [0.05, 30.0, 0.0], [0.002, 2.0, 0.1])
     assert uncertain([leak]) == []
     unknown = replace(leak, standard_errors=dict(leak.standard_errors) | {"place": 0.45})

@@ -44,8 +44,8 @@ def made(change: Change, seed: int, noise: float = 0.003) -> ChainDrive:
 
 
 def found(change: Change, seeds: Sequence[int] = (1,)) -> tuple[Candidate, ...]:
-    begun = first_term(base_state([made(change, seed) for seed in seeds], None, BASE))
-    return formula_of(begun).terms if begun else ()
+    begun = first_term(state := base_state([made(change, seed) for seed in seeds], None, BASE))
+    return formula_of(begun, state).terms if begun else ()
 
 
 def by_intake(more: Callable[..., FloatArray]) -> Change:

@@ -249,6 +249,19 @@ def test_an_effect_that_explains_too_little_is_said_beside_an_ambiguous_second(
     assert found.posterior == pytest.approx({f"{small.name}+wall_film": 0.8, "unknown": 0.2})
 
 
+def test_the_error_with_a_reversed_effect_is_measured_as_with_a_named_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = named("wall_film", 4.0)
+    film = found.answer.effects[0]
+    film = replace(film, merit=replace(film.merit, physical=False))
+    odds = {film.label: 1.0, "none": 0.0, "unknown": 0.0}
+    said = StepOutcome("unknown_effect", (film,), (film,), posterior=odds)
+    monkeypatch.setattr("training.gap.name.steps.step", lambda *_, **__: said)
+    again = name(two_drives(2_200_140, ("wall_film", 4.0)), known())
+    assert (again.answer.effects, again.error.after) == ((film,), found.error.after)
+
+
 def test_a_sensor_slow_in_one_direction_may_be_made_so_and_an_effect_beside_it_is_said() -> None:
     slow = ("slow_rich_to_lean", 0.6)
     for effect, beside in ((None, []), (("wall_film", 4.0), ["wall_film"])):

@@ -59,12 +59,6 @@ def test_a_candidate_that_leaves_most_of_what_can_be_explained_speaks_for_anothe
     assert found["unknown"] > 0.5
 
 
-def test_a_gain_that_healthy_drives_give_as_well_is_no_gap() -> None:
-    state = base_state(two_drives(2_200_120), known(), known().base)
-    ranking = rank(state, [LIBRARY["wall_film"]])
-    assert posterior(state, ranking, state.deviance)["none"] > 0.95
-
-
 def steady(rpm: float, air_mg: float, slow_s: float) -> ChainDrive:
     """Return ten minutes at one operating point, the mixture modulated, with a slow sensor."""
     rng, n = np.random.default_rng(int(rpm)), 6000

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from functools import cache, partial
 
+import pytest
+
 from benchmarks.studies.second.engine import SOUND, Sensor, drive
 from training.gap.name.naming import name
-from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
 from training.healthy import yardstick
 from training.healthy.behaviour import Healthy
@@ -18,21 +19,22 @@ def known() -> Healthy:
     return yardstick.learn([driven(2000 + i) for i in range(3)], Constants())
 
 
-def asked(hidden: Mapping[str, float], sensor: Sensor = SOUND) -> Naming:
-    return name([driven(2100 + i, hidden, sensor) for i in range(2)], known())
-
-
 def test_the_healthy_vehicle_has_volumes_of_its_own() -> None:
     volumes = {each.name: each.values[0] for each in known().own}
     assert set(volumes) == {"delay_flow", "mix_flow"}
     assert min(volumes.values()) > 0.1  # litres
 
 
-def test_an_effect_of_a_second_engine_is_named_and_without_one_there_is_no_gap() -> None:
-    for hidden, said in (({}, ("no_gap", [])), ({"wall_film": 1.5}, ("named", ["wall_film"]))):
-        found = asked(hidden)
-        assert (found.verdict, [each.name for each in found.answer.effects]) == said
-
-
-def test_a_slow_sensor_of_a_second_engine_is_suspected() -> None:
-    assert asked({}, Sensor(lag_s=0.25)).verdict == "sensor_fault_suspected"
+@pytest.mark.parametrize(
+    ("hidden", "sensor", "said"),
+    [
+        ({}, SOUND, ("no_gap", [])),
+        ({"wall_film": 1.5}, SOUND, ("named", ["wall_film"])),
+        ({}, Sensor(lag_s=0.25), ("sensor_fault_suspected", [])),
+    ],
+)
+def test_an_effect_and_a_slow_sensor_of_a_second_engine_are_told(
+    hidden: Mapping[str, float], sensor: Sensor, said: tuple[str, list[str]]
+) -> None:
+    found = name([driven(2100 + i, hidden, sensor) for i in range(2)], known())
+    assert (found.verdict, [each.name for each in found.answer.effects]) == said

@@ -84,6 +84,8 @@ PURGE_ADDED = Addition(
     effects=RANKING[0].fit.effects,
 )
 
+OFFERED = replace(PURGE_ADDED, path=None, offer=Path("out/offer.onnx"), withdrawn="a fault")
+
 
 def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes: Any) -> Naming:
     experiment = "motorway at <2,600> rpm"
@@ -236,11 +238,24 @@ def test_an_effect_carries_the_constants_that_stand_in_the_model() -> None:
     assert effect["separated"] is True
 
 
-def test_what_was_named_but_not_added_says_so() -> None:
-    tree = as_json(found := replace(made("named"), addition=Addition()))
-    assert "Keep the model: no new one was written" in gap_page.as_page(found)
-    assert [(e["name"], e["added"]) for e in tree["effects"]] == [("purge", False)]
-    assert tree["rmse_after"] is tree["model"] is None
+@pytest.mark.parametrize(
+    ("addition", "added", "after", "to_do"),
+    [
+        (PURGE_ADDED, "purge", 0.0112, "Use out/model.onnx"),
+        (Addition(), None, None, "Keep the model: no new one was written"),
+        (OFFERED, None, 0.0112, "Keep the model, or use out/offer.onnx knowing this: a fault."),
+    ],
+)
+def test_json_and_page_agree_on_what_was_added(
+    addition: Addition, added: str | None, after: float | None, to_do: str
+) -> None:
+    tree = as_json(found := replace(made("named"), addition=addition))
+    page = gap_page.as_page(found)
+    assert to_do in page[page.index('id="now"') : page.index('id="much"')]
+    assert ("but not added" in verdict_sentence(found)) == (after is None)
+    assert [(e["name"], e["added"]) for e in tree["effects"]] == [("purge", added is not None)]
+    assert [(s["named"], s["added"]) for s in tree["steps"]] == [(None, None), ("purge", added)]
+    assert (tree["rmse_after"], tree["model"] is None) == (after, added is None)
 
 
 def test_the_runner_up_is_of_the_step_in_which_the_effect_was_chosen() -> None:
@@ -304,7 +319,7 @@ def test_where_are_the_regimes_in_which_the_excess_is_dense() -> None:
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdict) -> None:
-    page = gap_page.as_page(made(verdict))
+    page = page_of(verdict)
     places = [page.index(f'<h2 id="{name}">') for name in SECTIONS]
     assert places == sorted(places)
     assert page.index(f'class="verdict {verdict}"') < places[0]
@@ -313,6 +328,11 @@ def test_the_page_has_every_section_in_order_and_asks_for_nothing(verdict: Verdi
     assert asked
     assert all(target.startswith(("#", "data:")) for target in asked)
     assert not re.search(r"@import|url\(|<link|<iframe", page)
+    # AND names and texts from outside are escaped
+    assert "new&lt;1&gt;.csv" in page
+    assert "held &amp; out.csv" in page
+    for tag in ("<1>", "<something>", "<2,600>", "<oil>"):
+        assert tag not in page
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -324,15 +344,6 @@ def test_the_plots_of_every_verdict_are_drawn(
     trace = found.verified is not None and found.verified.trace is not None
     wanted = 2 * trace + 2 * (found.verified is not None)
     assert plots_of(browser, tmp_path / "report.html") == wanted
-
-
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_names_and_texts_from_outside_are_escaped(verdict: Verdict) -> None:
-    page = page_of(verdict)
-    assert "new&lt;1&gt;.csv" in page
-    assert "held &amp; out.csv" in page
-    for tag in ("<1>", "<something>", "<2,600>", "<oil>"):
-        assert tag not in page
 
 
 @pytest.mark.parametrize(
@@ -401,6 +412,9 @@ def test_an_effect_in_the_other_direction_says_what_to_look_at() -> None:
     assert verdict_sentence(result).startswith(words)
     assert "It is not added to the model" in verdict_sentence(result)
     assert as_json(result)["effects"][0]["hypothesis"] == "back_pressure reversed"
+    # AND a model that was asked for all the same is called one with it, not one with a formula
+    asked = replace(result, addition=PURGE_ADDED, verified=verified())
+    assert actions(asked)[:2] == [actions(result)[0], actions(made("named"))[0]]
 
 
 def test_an_unknown_effect_that_a_sensor_fault_explains_as_well_has_the_sensor_checked() -> None:
@@ -449,7 +463,7 @@ def test_a_model_with_which_the_monitor_decides_less_is_not_the_headline_s() -> 
     own = replace(own, faults=(replace(own.faults[0], after=blind),))
     assert own.harm is not None
     # WHEN it is therefore an offer
-    offered = replace(PURGE_ADDED, path=None, offer=Path("out/offer.onnx"), withdrawn=own.harm)
+    offered = replace(OFFERED, withdrawn=own.harm)
     found = replace(made("named"), verified=own, addition=offered)
     # THEN the first sentence says why, and no sentence says that it is to be used
     lost = "the monitor decides in 0 of 4 drives with the new model, in 4 with the old one"

@@ -52,7 +52,6 @@ class FirstTerm:
     term: Candidate  # of the fit to errors as they are
     rival: Candidate  # in whitened errors, as effects and the sensor's faults are
     plain: BaseState  # errors as they are, with the term
-    of: BaseState  # without effects
 
 
 def first_term(state: BaseState) -> FirstTerm | None:
@@ -69,11 +68,11 @@ def first_term(state: BaseState) -> FirstTerm | None:
         return None
     term, plain = found
     (rival,) = rank(state, [term.term])
-    return FirstTerm(term, rival, plain, state) if rival.merit.score >= GAIN_LEAST else None
+    return FirstTerm(term, rival, plain) if rival.merit.score >= GAIN_LEAST else None
 
 
-def formula_of(first: FirstTerm) -> Formula:
-    """Return the formula that begins with a term."""
+def formula_of(first: FirstTerm, state: BaseState) -> Formula:
+    """Return the formula that begins with a term, beside no effect."""
     plain, found = first.plain, [first.term]
     while len(found) < TERMS_MOST:
         used = {parts_of(c.name).over.signal for c in found}
@@ -83,7 +82,7 @@ def formula_of(first: FirstTerm) -> Formula:
         term, plain = more
         found.append(term)
     terms = _needed(plain, found)
-    pairs = zip(terms, _judged(first.of, terms), strict=True)
+    pairs = zip(terms, _judged(state, terms), strict=True)
     merited = tuple(replace(c, merit=j.merit) for c, j in pairs)
     return Formula(merited, _rmse(terms[-1], plain))
 
