@@ -5,31 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import minimize, rosen, rosen_der
 from scipy.stats import multivariate_normal
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.gradient import descend
+from training.narx.algorithms.gradient import descend, one_step_by_torch
 from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights, regressors
-
-
-@dataclass
-class Valley:
-    """Rosenbrock's function, a curved valley with its minimum 0 at (1, 1)."""
-
-    asked: list[FloatArray] = field(default_factory=list)
-
-    def cost(self, w: FloatArray) -> float:
-        return float(100.0 * (w[1] - w[0] ** 2) ** 2 + (1.0 - w[0]) ** 2)
-
-    def gradient(self, w: FloatArray) -> tuple[float, FloatArray]:
-        self.asked.append(w.copy())
-        across = w[1] - w[0] ** 2
-        return self.cost(w), np.array([-400 * w[0] * across - 2 * (1 - w[0]), 200 * across])
 
 
 @dataclass
@@ -39,12 +24,9 @@ class Bowl:
     steep: FloatArray
     asked: list[float] = field(default_factory=list)
 
-    def cost(self, w: FloatArray) -> float:
-        return float(0.5 * self.steep @ w**2)
-
-    def gradient(self, w: FloatArray) -> tuple[float, FloatArray]:
+    def __call__(self, w: FloatArray) -> tuple[float, FloatArray]:
         self.asked.append(float(w[0]))
-        return self.cost(w), self.steep * w
+        return float(0.5 * self.steep @ w**2), self.steep * w
 
 
 @dataclass
@@ -74,23 +56,20 @@ def ripple(n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
 def test_the_gradient_of_torch_is_that_of_the_normal_equations(
     hidden: tuple[int, ...], linear_path: bool
 ) -> None:
-    from training.narx.module import OneStepByTorch
-
     rng = np.random.default_rng(1)
     spec, n = Spec(2, lags=2, hidden=hidden, linear_path=linear_path), 4500
     u, y, weight = rng.normal(size=(n, 2)), rng.normal(size=n), rng.uniform(0, 2, n)
     weights, at = rng.normal(size=spec.n_weights), np.arange(2, n)
-    by_torch = OneStepByTorch(spec, regressors(spec, u, y), y[2:], weight[2:])
-    cost, gradient = by_torch.gradient(weights)
+    cost, gradient = one_step_by_torch(spec, regressors(spec, u, y), y[2:], weight[2:])(weights)
     wanted, _, half = one_step(spec, Samples(u, y, weight), at, np.float64).normal(weights)
     assert cost == pytest.approx(wanted, rel=1e-12)
-    assert by_torch.cost(weights) == pytest.approx(cost, rel=1e-14)
     assert np.allclose(gradient, 2.0 * half, atol=1e-12)
     assert np.abs(gradient).min() > 1e-5  # every weight takes part
 
 
 def test_scaled_conjugate_gradient_follows_a_curved_valley_to_its_end() -> None:
-    outcome = minimise_scaled_conjugate(Valley(), np.array([-1.2, 1.0]))
+    # GIVEN Rosenbrock's function, whose minimum 0 is at (1, 1)
+    outcome = minimise_scaled_conjugate(lambda w: (rosen(w), rosen_der(w)), np.array([-1.2, 1.0]))
     assert np.allclose(outcome.weights, 1.0, atol=1e-4)
     assert outcome.stop == "gradient"
     assert np.all(np.diff(outcome.costs) <= 0)

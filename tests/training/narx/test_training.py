@@ -31,8 +31,6 @@ def recording(
 def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> None:
     import torch  # takes seconds, which a worker without this test need not spend
 
-    from training.narx.module import NarxModule
-
     spec, rng = Spec(2, lags=3, hidden=hidden), RNG(1)
     weights, u, y = initial_weights(spec, rng), rng.normal(size=(9, 2)), rng.normal(size=9)
     x, samples = regressors(spec, u, y), Samples(u, y, np.ones(9))
@@ -40,9 +38,9 @@ def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> Non
     J, error = next(objective.blocks(weights))
     assert np.allclose(error, forward(spec, weights, x) - y[3:], atol=1e-13)
     for i in range(len(x)):
-        module = NarxModule(spec, weights)
-        output = module(torch.tensor(x[i : i + 1]))[0]
-        (gradient,) = torch.autograd.grad(output, module.weights)
+        w = torch.tensor(weights, requires_grad=True)
+        output = forward(spec, w, torch.tensor(x[i : i + 1]), torch.tanh)[0]
+        (gradient,) = torch.autograd.grad(output, w)
         assert abs(float(output.detach()) - y[3 + i] - error[i]) < 1e-12
         assert np.allclose(gradient.numpy(), J[i], atol=1e-12)
 
@@ -50,8 +48,6 @@ def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> Non
 @pytest.mark.parametrize("first_lag", [0, 1])
 def test_closed_loop_sensitivities_are_those_of_torch_through_time(first_lag: int) -> None:
     import torch
-
-    from training.narx.module import NarxModule
 
     # GIVEN two pieces, one with unscored samples, and feedback that is clipped now and then
     spec = Spec(2, lags=3, hidden=(4, 3), input_lag_start=first_lag, y_min=-0.4, y_max=0.5)
@@ -63,14 +59,13 @@ def test_closed_loop_sensitivities_are_those_of_torch_through_time(first_lag: in
     pieces = Pieces(np.array([3, 30]), np.array([30, 60]), np.array([0, 5]), history)
     objective = ClosedLoop(spec, Samples(u, y, weight), pieces, dtype=np.float64)
     # WHEN the same free run is differentiated by torch
-    module = NarxModule(spec, weights)
-    w = module.weights
+    w = torch.tensor(weights, requires_grad=True)
     total, rows, clipped = torch.zeros((), dtype=torch.float64), [], 0
     for piece in range(2):
         past = [torch.tensor(v) for v in history[piece]]
         for t in range(pieces.start[piece], pieces.stop[piece]):
             taps = [torch.tensor(u[t - j]) for j in range(first_lag, 4)]
-            out = module(torch.cat([*taps, torch.stack(past)])[None])[0]
+            out = forward(spec, w, torch.cat([*taps, torch.stack(past)])[None], torch.tanh)[0]
             if t - pieces.start[piece] >= pieces.skip[piece] and weight[t] > 0:
                 total = total + weight[t] * (out - y[t]) ** 2
                 (grad,) = torch.autograd.grad(out, w, retain_graph=True)

@@ -7,10 +7,13 @@ growth limit 1.04, momentum 0.9, minimum gradient 1e-5, six validation failures)
 """
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Any, Final
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import LmOutcome, Watch
+from training.narx.network import Spec, forward
+
+Differentiable = Callable[[FloatArray], tuple[float, FloatArray]]  # of weights: cost and gradient
 
 RATE: Final = 0.01
 RATE_UP, RATE_DOWN = 1.05, 0.7  # after a step that lowered the cost, after one taken back
@@ -19,14 +22,26 @@ MOMENTUM = 0.9
 MIN_GRADIENT = 1e-5
 
 
-class Differentiable(Protocol):
-    """A function of the weights with its gradient."""
+def one_step_by_torch(
+    spec: Spec, regressors: FloatArray, target: FloatArray, weight: FloatArray
+) -> Differentiable:
+    """Return the weighted mean squared one-step error with its gradient by torch.
 
-    def cost(self, weights: FloatArray) -> float:
-        """Return the mean squared error."""
+    regressors, target, weight : shapes (n, n_regressors), (n,), (n,)
+    """
+    import torch  # noqa: PLC0415  # takes seconds
 
-    def gradient(self, weights: FloatArray) -> tuple[float, FloatArray]:
-        """Return the cost and its gradient (n_weights,)."""
+    torch.set_num_threads(1)  # trainings run side by side, and sums have one order
+    x, y, w = (torch.from_numpy(each) for each in (regressors, target, weight))
+
+    def error(weights: Any) -> Any:
+        return w @ (forward(spec, weights, x, torch.tanh) - y) ** 2 / w.sum()
+
+    def objective(weights: FloatArray) -> tuple[float, FloatArray]:
+        gradient, cost = torch.func.grad_and_value(error)(torch.from_numpy(weights))
+        return float(cost), gradient.numpy()
+
+    return objective
 
 
 def descend(
@@ -42,7 +57,7 @@ def descend(
     Raises ValueError if the objective is not finite at the start.
     """
     current = weights.copy()
-    cost, gradient = objective.gradient(current)
+    cost, gradient = objective(current)
     watch = Watch(current, cost, validate=validate, min_gradient=MIN_GRADIENT)
     step = -rate * gradient
     for _ in range(epochs):
@@ -50,7 +65,7 @@ def descend(
             break
         step = MOMENTUM * (step - rate * gradient)
         trial = current + step
-        trial_cost, trial_gradient = objective.gradient(trial)
+        trial_cost, trial_gradient = objective(trial)
         if not trial_cost <= GROWTH * cost:  # True for NaN
             rate *= RATE_DOWN
             step = -rate * gradient

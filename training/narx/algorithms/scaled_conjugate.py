@@ -32,7 +32,7 @@ def minimise_scaled_conjugate(
     Raises ValueError if the objective is not finite at the start.
     """
     current = weights.copy()
-    cost, gradient = objective.gradient(current)  # step 1
+    cost, gradient = objective(current)  # step 1
     watch = Watch(current, cost, validate=validate, min_gradient=MIN_GRADIENT)
     direction, damping, raised, curvature, moved = -gradient, DAMPING, 0.0, 0.0, True
     for epoch in range(1, epochs + 1):
@@ -44,7 +44,7 @@ def minimise_scaled_conjugate(
         length2 = float(direction @ direction)
         if moved:  # step 2
             probe = SIGMA / np.sqrt(length2)
-            _, ahead = objective.gradient(current + probe * direction)
+            _, ahead = objective(current + probe * direction)
             curvature = float(direction @ (ahead - gradient)) / probe
         curvature += (damping - raised) * length2  # step 3
         if curvature <= 0.0:  # step 4 makes it positive
@@ -53,14 +53,14 @@ def minimise_scaled_conjugate(
             damping = raised
         slope = -float(direction @ gradient)
         trial = current + (slope / curvature) * direction  # step 5
+        trial_cost, trial_gradient = objective(trial)
         # step 6: actual over promised reduction
-        ratio = 2.0 * curvature * (cost - objective.cost(trial)) / slope**2
+        ratio = 2.0 * curvature * (cost - trial_cost) / slope**2
         ratio = max(ratio, WORST) if np.isfinite(ratio) else WORST
         moved = ratio >= 0.0
         raised = 0.0 if moved else damping
         if moved:  # step 7
-            before, current = gradient, trial
-            cost, gradient = objective.gradient(trial)
+            before, current, cost, gradient = gradient, trial, trial_cost, trial_gradient
             direction = float(gradient @ (gradient - before)) / slope * direction - gradient
             if epoch % len(weights) == 0 or float(direction @ gradient) >= 0.0:
                 direction = -gradient

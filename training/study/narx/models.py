@@ -18,7 +18,7 @@ from training.jobs import parallel
 from training.jobs.json_tree import json_tree
 from training.narx.algorithms import lm
 from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.gradient import RATE, descend
+from training.narx.algorithms.gradient import RATE, descend, one_step_by_torch
 from training.narx.algorithms.objectives import one_step
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights, regressors
@@ -209,10 +209,8 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.L
         return lm.minimise(objective, weights, validate, epochs=epochs)
     if algorithm == BAYES:
         return minimise_bayesian(objective, weights, len(at), epochs)[0]
-    from training.narx.module import OneStepByTorch  # noqa: PLC0415  # torch takes seconds
-
     phi = regressors(spec, data.samples.u, data.samples.y)[at - spec.memory]
-    by_torch = OneStepByTorch(spec, phi, data.samples.y[at], data.samples.weight[at])
+    by_torch = one_step_by_torch(spec, phi, data.samples.y[at], data.samples.weight[at])
     if algorithm == CONJUGATE:
         return minimise_scaled_conjugate(by_torch, weights, epochs, validate)
     return descend(by_torch, weights, epochs, job.candidate.rate or RATE, validate)
