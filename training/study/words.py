@@ -66,16 +66,3 @@ def narx_row(model: Result) -> tuple[str, ...]:
         ", ".join(model["verdict"]) or "–",
         f"{100 * free.std(ddof=1) / free.mean():.0f} %" if finite else "",
     )
-
-
-def tuned_row(tuned: Result) -> tuple[str, ...]:
-    """Return the cells of one of the best models, before and after closed loop."""
-    pair = (tuned["before"], tuned["after"])
-    cells = [unbroken(f"{tuned['number']}  {tuned['name']}")]
-    for what, power in (("r", 1.0), ("mse", 0.5)):
-        for role in ("validate", "test"):
-            values = [each["free_run"][role]["enabled"][what] for each in pair]
-            shown = ("none" if v is None else f"{v**power:.4f}" for v in values)
-            cells.append(unbroken(" → ".join(shown)))
-    cells.append(unbroken(" → ".join("yes" if each["forgets"] else "no" for each in pair)))
-    return tuple(cells)

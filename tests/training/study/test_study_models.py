@@ -49,13 +49,6 @@ def drive(n: int, seed: int, name: str) -> Recording:
     return recording_of(dict(columns), name, TANK_PERIOD_S)
 
 
-def timeless(tree: Any) -> Any:
-    """Return a result without its times."""
-    if isinstance(tree, dict):
-        return {k: timeless(v) for k, v in tree.items() if k not in ("seconds", "cpu_s")}
-    return [timeless(v) for v in tree] if isinstance(tree, list) else tree
-
-
 @pytest.fixture(scope="module")
 def data() -> Prepared:
     """Return a longer and a shorter recording, prepared."""
@@ -130,7 +123,7 @@ def test_figures_are_those_of_a_plain_simulation(data: Prepared) -> None:
     # THEN R and MSE on the test blocks are those reported
     at = np.flatnonzero((data.role == Role.TEST) & np.isfinite(free))
     measured = data.samples.y[at]
-    test = found["free_run"]["test"]["all"]
+    test = found["free_run"]["test"]["enabled"]
     assert test["samples"] == len(at)
     assert test["r"] == pytest.approx(np.corrcoef(measured, free[at])[0, 1], abs=1e-4)
     assert test["mse"] == pytest.approx(np.mean((measured - free[at]) ** 2), rel=1e-4)
@@ -151,7 +144,7 @@ def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
     narrow = 0.01  # of tanh, almost linear there
     weights = np.array([0.0, 0.0, narrow, 0.0, 1.05 / narrow, 0.01])
     found = figures(data, spec, weights)
-    assert found["one_step"]["test"]["all"]["r"] > 0.98
+    assert found["one_step"]["test"]["enabled"]["r"] > 0.98
     assert found["diverged"]
     assert found["stuck_share"] > 0.1
 
@@ -162,9 +155,9 @@ def test_every_algorithm_learns_and_its_start_is_reproducible(
 ) -> None:
     job = Job(candidate, 0, 7, 40)
     one, two = train_one(data, job), train_one(data, job)
-    assert timeless(one) == timeless(two)
+    assert one == two
     assert 0 < one["iterations"] <= 40
-    assert one["one_step"]["validate"]["all"]["r"] > 0.8
+    assert one["one_step"]["validate"]["enabled"]["r"] > 0.8
 
 
 def test_the_best_model_is_tuned_and_stored_with_its_weights(
@@ -172,16 +165,13 @@ def test_the_best_model_is_tuned_and_stored_with_its_weights(
 ) -> None:
     (tuned,) = result["tuned"]
     assert tuned["number"] == result["ranking"][0]
-    lower = [
-        tuned["after"][what] <= tuned["before"][what]
-        for what in ("validation_score", "contraction_gap_over_limit")
-    ]
-    assert any(lower)
     network = (stored(folder / f"{tuned['weights_key']}.json") or {})["network"]
     spec, weights = spec_from(network["spec"]), np.array(network["weights"])
     assert spec.lags == FEW[tuned["number"] - 1].lags
-    score = blocks_of(data, spec).score(weights)
-    assert score == pytest.approx(tuned["after"]["validation_score"], rel=1e-4)
+    model = result["models"][tuned["number"] - 1]
+    before = model["starts"][model["best_start"]]["validation_score"]
+    lower = blocks_of(data, spec).score(weights) < before * (1 - 1e-4)  # rounded to five digits
+    assert lower == (tuned["stage"] != "none")
 
 
 def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str, Any]) -> None:
@@ -251,7 +241,7 @@ def test_a_finished_job_is_not_repeated_and_other_settings_are(
     before = {p: p.stat().st_mtime_ns for p in folder.iterdir()}
     again = compared(data, folder, SETTINGS, FEW, jobs=1)
     assert {p: p.stat().st_mtime_ns for p in folder.iterdir()} == before
-    assert timeless(again) == timeless(result)
+    assert again == result
     compared(data, folder, replace(SETTINGS, iterations=3, starts=1), FEW, jobs=1)
     assert len(list(folder.iterdir())) > len(before)
 

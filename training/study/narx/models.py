@@ -5,7 +5,6 @@ Figures are in scaled units (zero mean, unit variance over the training samples)
 free-run figures use the same samples.
 """
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise, product
@@ -23,7 +22,6 @@ from training.narx.algorithms.objectives import one_step
 from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
-from training.narx.search.stability import contraction
 from training.narx.work import Work
 from training.recordings.metrics import correlation
 from training.recordings.samples.preparation import Prepared, Role, Samples
@@ -34,8 +32,6 @@ BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a who
 ENOUGH = 50  # least enabled samples per role for figures on enabled samples
 NOT_USED = -1  # role of training samples that thinning drops
 STUCK_SHARE = 0.01  # a free run with more samples wrongly at an end of the range has diverged
-CONTRACTION_SEED = 0  # gives other histories than the tuning uses
-HORIZONS = stages.HORIZONS  # samples, of the closed-loop tuning
 SEED_STEP = 1000  # difference of the seeds of two starts, as in ``fit``
 
 
@@ -48,7 +44,7 @@ class Recipe:
     starts: int
     seed: int
     budget_minutes: float  # of each start
-    horizons: tuple[int, ...] = HORIZONS
+    horizons: tuple[int, ...] = stages.HORIZONS  # samples
 
 
 def trained(data: Sequence[Prepared], recipe: Recipe, jobs: int) -> list[list[stages.Trained]]:
@@ -130,14 +126,12 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
     The training stops early by the one-step validation error, except with Bayesian regularisation.
     """
     data, spec = _writable(data), spec_of(data, job.candidate)
-    began_cpu = time.process_time()
     outcome = _minimise(data, spec, initial_weights(spec, np.random.default_rng(job.seed)), job)
     before = outcome.costs[-max(2, len(outcome.costs) // 10)]  # of the last tenth of iterations
     result = {
         "start": job.start,
         "seed": job.seed,
         "iterations": len(outcome.costs) - 1,
-        "cpu_s": time.process_time() - began_cpu,
         "stop": outcome.stop,
         "unfinished": outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before,
         **figures(data, spec, outcome.weights),
@@ -146,24 +140,13 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
 
 
 def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
-    """Return figures and weights after tuning in closed loop, over growing horizons."""
+    """Return stage and weights of a tuning in closed loop, over growing horizons."""
     data, spec = _writable(data), spec_of(data, job.candidate)
-    began_cpu = time.process_time()
     before = np.array(job.weights)
     found = stages.train(data, stages.Trained(spec, before, seed=job.seed))
-    begun, after = (
-        figures(data, spec, weights) | _forgets(data, spec, weights)
-        for weights in (before, found.weights)
-    )
-    gains = after["validation_score"] < begun["validation_score"]
-    result = {
-        "start": job.start,
-        "before": begun,
-        "after": after,
-        "stage": best_stage(found) if gains else "none",
-        "cpu_s": time.process_time() - began_cpu,
-    }
-    return json_tree(result) | _network(spec, found.weights)
+    gains = found.score < stages.blocks_of(data, spec).score(before)
+    stage = best_stage(found) if gains else "none"
+    return {"start": job.start, "stage": stage} | _network(spec, found.weights)
 
 
 def best_stage(trained: stages.Trained) -> str:
@@ -176,7 +159,7 @@ def _network(spec: Spec, weights: FloatArray) -> dict[str, Any]:
 
 
 def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
-    """Return R and MSE per role, one-step and in free run, on all scored and on enabled samples.
+    """Return R and MSE per role, one-step and in free run, on enabled samples.
 
     Also returned: the free-run validation score, the share of stuck predictions, and whether the
     free run diverges.
@@ -217,12 +200,10 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.L
 
 
 def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dict[str, Any]]:
-    result = {}
-    for role in Role:
-        every = rows(data, spec, role)
-        each = {"all": every, "enabled": every[data.enabled[every]]}
-        result[role.name.lower()] = {k: _measure(data, predicted, at) for k, at in each.items()}
-    return result
+    every = {role.name.lower(): rows(data, spec, role) for role in Role}
+    return {
+        k: {"enabled": _measure(data, predicted, at[data.enabled[at]])} for k, at in every.items()
+    }
 
 
 def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, Any]:
@@ -230,13 +211,6 @@ def _measure(data: Prepared, predicted: FloatArray, at: IntArray) -> dict[str, A
     if len(at) < 2 or not np.isfinite(b).all():
         return {"samples": len(at), "r": None, "mse": None}
     return {"samples": len(at), "r": correlation(a, b), "mse": float(np.mean((a - b) ** 2))}
-
-
-def _forgets(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:
-    """Return whether two histories give the same prediction after one window of the monitor."""
-    found = contraction(data, spec, weights, CONTRACTION_SEED)
-    share = found.gap / found.limit
-    return {"contraction_gap_over_limit": share, "forgets": bool(share <= 1.0)}
 
 
 def _writable(data: Prepared) -> Prepared:

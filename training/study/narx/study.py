@@ -15,12 +15,12 @@ import numpy as np
 from monitor.base.errors import RecordingError, UsageError
 from training.recordings.samples.preparation import Prepared, Role
 from training.study.narx.candidates import BAYES, CANDIDATES, LM, ModelCandidate, same_as
-from training.study.narx.models import HORIZONS, SEED_STEP, Job, spec_of, thin, train_one, tune_one
+from training.study.narx.models import SEED_STEP, Job, spec_of, thin, train_one, tune_one
 from training.study.narx.verdicts import judge, warnings
 from training.study.results import fan_out, public
 from training.study.task import Parts, Settings, Task, source
 
-VERSION = 3  # of the jobs; stored jobs of another version are not reused
+VERSION = 4  # of the jobs; stored jobs of another version are not reused
 
 Model = dict[str, Any]
 
@@ -79,8 +79,7 @@ def compared(
             "test": int((data.role == Role.TEST).sum()),
             "enabled_share": round(float(thinned.enabled.mean()), 4),
         },
-        "settings": asdict(settings)
-        | {"models": list(settings.models), "horizons": list(HORIZONS)},
+        "settings": asdict(settings),
         "models": models,
         "ranking": [m["number"] for m in once],
         "tuned": tuned,
