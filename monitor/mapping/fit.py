@@ -8,7 +8,7 @@ the signal a comment, or the column unused, until a person confirms it.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import pairwise
 from math import inf
 from textwrap import shorten
 from typing import Any, Final
@@ -166,8 +166,8 @@ def _doubts(
         is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not _BARE.issuperset(words[1:])
         if is_apart or first in of_message:  # an ECU's, which says nothing
             rest = rest[1:]
-    odd = (w for w in rest if w not in quantity.also and not _own_unit(quantity, w))
-    yield from (f"its name says {word!r}, too" for word in islice(odd, 1))
+    told = quantity.also.union(*(text.split("/") for text in _own_units(quantity, words)))
+    yield from [f"its name says {word!r}, too" for word in rest if word not in told][:1]
     said = f"{d.name} {d.message} {' '.join(of_message)} / {' '.join(words)} / {d.unit}".lower()
     for row in VOCABULARY["doubts"]:
         is_meant = quantity.name in row.get("of", quantity.name)
@@ -216,18 +216,18 @@ def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterat
 
 
 def _said_unit(quantity: MapQuantity, d: Description) -> tuple[str, Unit | None]:
-    """Return the unit that is stated, else one that the name says, and its word."""
+    """Return the unit that is stated, else one that the name says, and its words."""
     unit = unit_of(d.unit, STOICHIOMETRIC)
     words = words_of(d.name) if not d.unit or unit == UNITS["-"] else ()
-    said = ((word, _own_unit(quantity, word)) for word in words)
-    return next((each for each in said if each[1]), ("", unit))
+    return next(iter(_own_units(quantity, words).items()), ("", unit))
 
 
-def _own_unit(quantity: MapQuantity, word: str) -> Unit | None:
-    """Return the unit of the quantity that a word of a name is."""
-    unit = unit_of(word, STOICHIOMETRIC) if word != "o2" else None
+def _own_units(quantity: MapQuantity, words: tuple[str, ...]) -> dict[str, Unit]:
+    """Return the units of the quantity that a name's words say, alone or two as in ``kg_s``."""
+    texts = (word for word in (*words, *map("/".join, pairwise(words))) if word != "o2")
+    found = ((text, unit_of(text, STOICHIOMETRIC)) for text in texts)
     kinds = (quantity.unit.quantity, "phi" if quantity.unit == UNITS["-"] else "")
-    return unit if unit and unit.quantity in kinds and unit != UNITS["-"] else None
+    return {text: u for text, u in found if u and u.quantity in kinds and u != UNITS["-"]}
 
 
 def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:

@@ -101,8 +101,9 @@ def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandid
             if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
                 is_plain = (own.factor, own.offset) == (1.0, 0.0)  # no gauge
                 sure = QuantityFit(1.0 if is_plain else SURE, ("its name is known",))
+                order = "AFR" in own.units, i  # lambda itself before what a gauge makes of it
                 found[name].append(
-                    SignalCandidate(name, column.name, sure, _entry(own), (i,), True)
+                    SignalCandidate(name, column.name, sure, _entry(own), order, True)
                 )
         for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
             described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
@@ -133,10 +134,9 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
     """Return the source of a column that no profile knows; what its file states needs no word."""
     stated = unit_of(stated_unit(column, STOICHIOMETRIC), STOICHIOMETRIC)
-    if stated and stated.quantity == QUANTITIES[name].unit.quantity:
-        return Source(column=column.name)
-    if fit.unit:
-        return Source(column=column.name, units=(fit.unit,))
+    is_stated = stated is not None and stated.quantity == QUANTITIES[name].unit.quantity
+    if is_stated or fit.unit:
+        return Source(column=column.name, units=() if is_stated else (fit.unit,))
     return Source(column=column.name, factor=fit.factor, offset=fit.offset)
 
 

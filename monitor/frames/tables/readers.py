@@ -19,7 +19,7 @@ from monitor.frames.tables import delimited, mlg
 from monitor.frames.tables.raw_table import Notes, Pivot, RawTable, Wanted
 
 GROUP: Final = "o2_monitor.readers"
-TEXT: Final = (".csv", ".msl", ".txt", ".tsv", ".vbo")
+TEXT: Final = (".csv", ".msl", ".txt", ".tsv", ".vbo", ".ascii")
 SUFFIXES: Final = (*TEXT, ".mlg")
 
 

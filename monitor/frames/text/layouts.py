@@ -38,11 +38,6 @@ def _seconds(text: str) -> float:
     return float(text.replace(",", "."))
 
 
-def _milliseconds(text: str) -> float:
-    """Return the seconds of a time in ms, or of one in s with a decimal point."""
-    return float(text) if "." in text else int(text) / 1e3
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLayout:
     """How a tool writes frames as lines of text.
@@ -185,11 +180,13 @@ LAYOUTS: Final = (
         r"(?: (?P<remote>RTR)|(?P<data>(?: [0-9a-f]{2}\b)*))(?:\s.*)?",
         other=r"\s*Time\s+ID\s+DLC.*",
     ),
-    _layout(
-        "Kvaser CanKing",
-        r"^\s*Chn\s+Identifier\s+Flg\s+DLC",
+    _layout(  # of CanKing, and of the Memorator as its converter writes it
+        "Kvaser",
+        r"^\s*Chn\s+Identifier\s+Flg\s+DLC|^ *Kvaser Memorator Log",
         r"@channel @id (?P<flags>(?:[a-wyz]|@ext)*)\s*@length@data @time [RT]",
-        other=r"\s*Chn\s+Identifier.*|.*ErrorFrame.*|\s*[a-z].*|-+.*",
+        r"@time @channel @id@ext? (?:(?:Rx|Tx|TxRq) )?(?:[EBPW#]|(?P<fd>F)|(?P<remote>R)|\s)*"
+        r"(?P<dlc>\d+)(?:@data| RTR) \d+",
+        other=r"\s*(?:[a-z]|-+|=+).*|.*(?:ErrorFrame|Trigger \().*",
     ),
     _layout(
         "CRTD (OVMS)",
@@ -202,7 +199,7 @@ LAYOUTS: Final = (
         r"Microchip Technology|^CAN BUS Analyzer",
         r"@time;[RT]X;@id;@length@data[;\s]*",
         other=r"[^;]*",
-        time_s=_milliseconds,
+        time_s=lambda text: _seconds(text) / (1.0 if "." in text else 1e3),
     ),
     _layout(
         "python-can",
@@ -240,7 +237,7 @@ _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
         r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间",
-        r'(?P<time>-?\d+(?:[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)',
+        r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)',
     ),
     (
         r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*|帧?id号?",
@@ -337,7 +334,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         rows = list(filter(None, map(layout.match, text.splitlines())))
         if rows and ":" in rows[0]["time"]:
             layout = replace(layout, time_s=ColumnClock())
-        says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec", text, _ANY | re.M)
+        says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec|data field: DEC", text, _ANY | re.M)
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
         return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text))
     for begins, tool, converter in UNREAD:

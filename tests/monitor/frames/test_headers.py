@@ -41,8 +41,8 @@ TABLES = {
         {"engine_speed_rpm": "RPM", "lambda_measured": "LA1"},
     ),
     "numbers of the columns": (
-        "Time,RPM,Lambda\ns,rpm,lambda\n1,2,3\n"
-        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 14.7}"),
+        "Time,RPM,AFR,Lambda\ns,rpm,,lambda\n1,2,3,4\n"  # a gauge set to another fuel
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] * 0.9},{AFR[i] / 14.7}"),
         {"engine_speed_rpm": "RPM", "lambda_measured": "Lambda"},
     ),
     "settings above the table": (
@@ -247,7 +247,7 @@ def test_a_file_of_sections_is_read_whatever_its_suffix(tmp_path: Path) -> None:
         "[column names]\nsats time lat RPM Lambda_1\n\n[data]\n"
         + rows(lambda i: f"009 {235958 + i / 10 - 235960 * (i >= 20):09.2f} +03112.5 {RPM[i]} 1.0")
     )
-    for suffix in (".vbo", ".txt"):
+    for suffix in (".vbo", ".txt", ".ascii"):
         path, profile = tmp_path / f"drive{suffix}", tmp_path / "drive.toml"
         path.write_text(text)
         assert cli.main(["check", str(path), "--write-profile", str(profile), "--force"]) == 0
@@ -338,6 +338,10 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("Coolant", 0.0, "coolant_temperature_degc", None),
         ("Mass Air Flow", 20.0, "maf_kg_h", None),  # kg/h or g/s?
         ("AFR (AFR)", 9.8, "lambda_measured", None),  # as of E85
+        ("mass_air_flow_kg_s", 0.005, "maf_kg_h", 18.0),
+        ("AFM (g/s)", 5.0, "maf_kg_h", 18.0),
+        ("HPFP (bar)", 60.0, "rail_pressure_mpa", 6.0),
+        ("CL Lambda Trim (%)", -2.0, "lambda_controller", 0.98),
     ],
 )
 def test_the_unit_with_words_beside_it_or_the_values_tell_what_a_column_is_or_it_is_none(

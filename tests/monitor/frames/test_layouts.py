@@ -50,6 +50,11 @@ RX 03 EFF 18FEF100 1 HEX   FF                             0033220000 07.05.2022 
 510,0x0C3,2,0x11,0x22
 520,0x18FEF100,1,0xFF
 """,
+    "plain.csv": """millis,id,len,d0,d1,d2,d3,d4,d5,d6,d7
+500,194,8,1,2,3,4,5,6,7,168
+510,195,2,17,34
+520,419361024,1,255
+""",
     "scope.csv": """Acq,Packet,Start Time (ms),End Time (ms),ID,DLC,Data
 1,1,500.2,500.4,C2,8,01 02 03 04 05 06 07 A8
 1,2,510.2,510.4,C3,2,11 22
@@ -101,6 +106,20 @@ RX 03 EFF 18FEF100 1 HEX   FF                             0033220000 07.05.2022 
  0    000000C2         8  01  02  03  04  05  06  07  A8       0.000000 R
  0    000000C3         2  11  22                               0.010000 R
  0    18FEF100 X       1  FF                                   0.020000 T
+""",
+    "memorator.txt": """                    Kvaser Memorator Log
+                    ====================
+Memorator Binary logfile created at: 2026-11-28 06:30:00
+Settings:
+   Format of data field: HEX
+   CAN channel:          1 2
+        Time Chan   Identifier Flags        DLC  Data                           Counter
+===================================================================================
+    0.000000  1          C2    Rx          8  01 02 03 04 05 06 07 A8             1
+    0.005000  Trigger (type=0x1, active=0x00, pre-trigger=-1, post-trigger=-1)
+    0.010000  1          C3    Tx          2  11 22                               2
+    0.015000  1          C2    Rx       R  8  RTR                                 3
+    0.020000  1    18FEF100x   Rx          1  FF                               1234
 """,
     "zero.log": """ (000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
  (000.010000)  can0  0C3   [2]  11 22
