@@ -13,10 +13,9 @@ from training.jobs.json_tree import json_tree
 from training.narx.linear import arx
 from training.narx.linear.arx import common_delays, solve_arx
 from training.narx.linear.models import LinearModel, free_run_error, free_runs
-from training.narx.linear.output_error import refine
+from training.narx.linear.prediction_error import refine
 from training.narx.linear.regressors import Stretch, Triangle, largest_order, triangle
-from training.narx.linear.responses import BAND, impulse_response, independence, whiteness
-from training.narx.linear.subspace import subspace
+from training.narx.linear.responses import band, impulse_response, independence, whiteness
 from training.recordings.metrics import correlation, fit_percent, rmse
 from training.recordings.recording import Recording
 from training.recordings.samples.linear_data import LinearData, LinearStretch, linear_stretches
@@ -81,11 +80,9 @@ def linear(
     data = triangle(usable["training"], skip, skip)
     learn, choose, judge = usable.values()
     case = BaselineCase(learn, choose, judge, order, skip, data, arx.arx_delays(data, order))
-    found, orders = _arx_models(case)
-    states, space = _state_space(case)
-    error, starts = _output_error(case, states, found["arx_free_run"])
-    best = states[space["order"] - 1]
-    models: dict[str, LinearModel] = {**found, "subspace": best, "output_error": error}
+    models, orders = _arx_models(case)
+    others, starts = _by_prediction_error(case, models["arx_free_run"])
+    models |= others
     fits = {name: _scores(m, case) for name, m in models.items()}
     result = {
         "schema": "o2train.study.linear/1",
@@ -98,7 +95,7 @@ def linear(
         "largest_order": order,
         "impulse": _impulse(case, inputs),
         "arx": orders,
-        "subspace": space,
+        "states": len(models["state_space"].a),
         "output_error": starts,
         "models": fits,
         "best": min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n][FREE_RUN[0]]),
@@ -133,34 +130,35 @@ def _arx_models(case: BaselineCase) -> tuple[dict[str, LinearModel], Figures]:
     return models, {"candidates": len(grid), "choices": orders}
 
 
-def _state_space(case: BaselineCase) -> tuple[Sequence[LinearModel], Figures]:
-    """Return the state space models of all orders, and the figures with the best order."""
-    found = subspace(case.data, case.skip, min(MAX_STATES, case.skip - 1))
-    errors = [free_run_error(m, case.validate, case.skip) for m in found.models]
-    order = int(np.argmin(errors)) + 1
-    return found.models, {"past": case.skip, "order": order, "order_by_gap": found.order_by_gap}
+def _by_prediction_error(
+    case: BaselineCase, free: LinearModel
+) -> tuple[dict[str, LinearModel], Figures]:
+    """Return the best state space and output error model in free run, and figures of the latter.
 
-
-def _output_error(
-    case: BaselineCase, states: Sequence[LinearModel], free: LinearModel
-) -> tuple[LinearModel, Figures]:
-    """Return the best output error model from many starts, and the figures of all starts."""
+    free : the best ARX in free run
+    """
     data, none, wide = case.data, (0,) * case.data.n_inputs, min(12, case.order)
-    starts = [("subspace", m) for m in states[:8]]
+    orders = range(1, min(MAX_STATES, case.order) + 1)
+    long = [solve_arx(data, n, n + 1, none) for n in orders]
+    states = [refine(each, case.train, case.skip, output_error=False)[0] for each in long]
+    starts = [("state space", m) for m in states[:8]]
     shapes = [(n, n, case.delays) for n in (1, 2, 3)] + [(n, wide, none) for n in (1, 2, 4, 6)]
     starts += [("ARX", solve_arx(data, *shape)) for shape in shapes if shape[0] <= case.order]
     if 1 <= len(free.a) <= MAX_STATES:
         starts.append(("ARX, free run", free))
-    rows, models = [], []
-    for name, start in starts:
-        if start.lags + len(start.a) <= case.skip:
-            model, cost = refine(start, case.train, case.skip)
-            error = free_run_error(model, case.validate, case.skip)
-            errors = {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error)}
-            rows.append({"start": name, **_shape(model), **errors})
-            models.append(model)
-    best = models[int(np.argmin([row["validation_rmse"] for row in rows]))]
-    return best, {**_shape(best), "starts": rows}
+    refined = [refine(start, case.train, case.skip) for _, start in starts]
+
+    def error(model: LinearModel) -> float:
+        return free_run_error(model, case.validate, case.skip)
+
+    best = min((model for model, _ in refined), key=error)
+    rows = [
+        {"start": name, **_shape(model)}
+        | {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error(model))}
+        for (name, _), (model, cost) in zip(starts, refined, strict=True)
+    ]
+    models = {"state_space": min(states, key=error), "output_error": best}
+    return models, {**_shape(best), "starts": rows}
 
 
 def _shape(model: LinearModel) -> Figures:
@@ -171,13 +169,13 @@ def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
     samples = sum(len(y) for _, y in case.train)
     lags = max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs))))
     found = impulse_response(case.train, lags)
-    band, delays = BAND * found.standard_error, found.delays()
+    width, delays = band() * found.standard_error, found.delays()
     names = ("input", "response", "band", "delay", "arx_delay")
-    rows = zip(inputs, found.response, band, delays, case.delays, strict=True)
+    rows = zip(inputs, found.response, width, delays, case.delays, strict=True)
     return {
         "rows": [dict(zip(names, row, strict=True)) for row in rows],
         "largest_arx_delay": case.order,
-        "largest_autocorrelation_left": float(np.abs(found.white[1:]).max()),
+        "largest_autocorrelation_left": float(np.abs(found.white).max()),
     }
 
 
@@ -211,11 +209,10 @@ def _residuals(
 
     The residuals are one-step residuals, for output error models simulation residuals.
     """
-    driven = [u[case.skip :] for u, _ in case.test]
-    result = {}
+    driven, result = case.scored([u for u, _ in case.test]), {}
     for name, model in models.items():
-        left = [(y - model.predict(u, y))[case.skip :] for u, y in case.test]
-        if np.isfinite(np.concatenate(left)).all():  # the Kalman filter may be unstable
+        left = case.scored([model.errors(u, y) for u, y in case.test])
+        if np.isfinite(left).all():  # an unstable ARX's need not be
             tests = independence(left, driven, inputs)
             result[name] = {"whiteness": whiteness(left), "independence": tests}
     return result
@@ -282,14 +279,12 @@ def beside(task: Task, parts: Parts) -> dict[str, Any]:
     y_hat = np.concatenate([run[skip:] for run in own])
     good = np.isfinite(y_hat)
     y, y_hat = y[good], y_hat[good]
-    shown = ("parameters", "fit_percent", "correlation")
-    narx = (model.spec.n_weights, fit(y, y_hat), correlation(y, y_hat))
     return json_tree(
         {
-            "narx": dict(zip(shown, narx, strict=True)),
-            "models": {n: {k: m[k] for k in shown} for n, m in found["models"].items()},
+            "parameters": model.spec.n_weights,
+            "fit_percent": fit(y, y_hat),
+            "correlation": correlation(y, y_hat),
             "samples": len(y),
-            "best_linear": found["best"],
             "filtered": prepared.filter is not None,
         }
     )

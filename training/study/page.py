@@ -93,12 +93,11 @@ def warnings(parts: Parts, titles: Mapping[str, str]) -> list[str]:
             f"the paper's rule fires in {false:.1f} % of the windows of {sensor['healthy_on']} "
             "without a fault: the limits rest on other driving or weather than these"
         )
-    if "skipped" not in (linear := parts["beside"]):
-        own, best = linear["narx"]["fit_percent"], linear["models"][linear["best_linear"]]
-        if None not in (own, best["fit_percent"]) and own <= best["fit_percent"]:
+    if "skipped" not in (linear := parts["linear"]):
+        own, best = parts["beside"]["fit_percent"], linear["models"][linear["best"]]["fit_percent"]
+        if None not in (own, best) and own <= best:
             found.append(
                 f"the chosen NARX reaches {own:.1f} % fit on held-out samples, the linear model "
-                f"{words.TITLES[linear['best_linear']]} {best['fit_percent']:.1f} %: the NARX is "
-                "not worth it"
+                f"{words.TITLES[linear['best']]} {best:.1f} %: the NARX is not worth it"
             )
     return list(dict.fromkeys(found))

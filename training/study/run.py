@@ -30,7 +30,7 @@ from training.study.sensor import against_sensor
 from training.study.task import Parts, Task, source
 
 SCHEMA = "o2train.study/1"
-VERSION = 7  # of the parts' content; stored parts of another version are not reused
+VERSION = 8  # of the parts' content; stored parts of another version are not reused
 BAD_DATA = (RecordingError,)
 USELESS = (RecordingError, UsageError)
 

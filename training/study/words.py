@@ -17,7 +17,7 @@ TITLES: Final = {
     "arx_mdl": "ARX, MDL",
     "arx_aic": "ARX, AIC",
     "arx_free_run": "ARX, free run",
-    "subspace": "state space",
+    "state_space": "state space",
     "output_error": "output error",
 }
 

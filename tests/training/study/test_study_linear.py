@@ -68,9 +68,9 @@ def test_whiteness_and_independence_reject_an_undermodelled_plant() -> None:
     stretches = [modes(4000, RNG(s), np.array([-1.0, -3.0, -8.0]), 0.3) for s in (0, 1)]
     small = fit_arx(stretches[:1], 1, 1, 1)
     u, y = stretches[1]
-    residual = [(y - small.predict(u, y))[1:]]
+    residual = small.errors(u, y)[1:]
     assert whiteness(residual)["rejected"]
-    assert independence(residual, [u[1:]], ["u"])[0]["rejected"]
+    assert independence(residual, u[1:], ["u"])[0]["rejected"]
 
 
 def test_both_tests_accept_an_adequate_model_at_their_level() -> None:
@@ -80,9 +80,9 @@ def test_both_tests_accept_an_adequate_model_at_their_level() -> None:
     white, free = 0, 0
     for seed in range(60):
         u, y = modes(1500, RNG(seed), poles, 0.3)
-        residual = [(y - model.predict(u, y))[20:]]
+        residual = model.errors(u, y)[20:]
         white += whiteness(residual)["rejected"]
-        free += independence(residual, [u[20:]], ["u"])[0]["rejected"]
+        free += independence(residual, u[20:], ["u"])[0]["rejected"]
     # THEN the tests at 1 % reject at most four of them, where 0.6 are expected
     assert white <= 4
     assert free <= 4
@@ -94,7 +94,7 @@ def test_feedback_is_not_taken_for_a_fault_of_the_model() -> None:
     for t in range(1, 4000):
         y[t] = 0.8 * y[t - 1] + 0.5 * u[t - 1] + e[t]
         u[t] = -0.4 * y[t] + 0.3 * rng.standard_normal()
-    (test,) = independence([e[1:]], [u[1:, None]], ["u"])
+    (test,) = independence(e[1:], u[1:, None], ["u"])
     assert test["feedback"]
     assert np.abs(test["correlation"][25:]).argmax() == 0  # u(t) is made from y(t), hence from e(t)
 

@@ -53,7 +53,7 @@ class LinearModel:
             total += lfilter(np.concatenate([np.zeros(delay), b]), [1.0], u[:, i])
         return total
 
-    def _errors(self, u: FloatArray, y: FloatArray) -> FloatArray:
+    def errors(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Return the one-step errors e (n,), 0 at the first ``lags`` samples."""
         coloured = lfilter(self.poly, [1.0], y) - self._drive(u)
         coloured[: self.lags] = 0.0
@@ -64,7 +64,7 @@ class LinearModel:
 
         u, y : (n, k), (n,)
         """
-        return np.asarray(y - self._errors(u, y))
+        return np.asarray(y - self.errors(u, y))
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
         """Return the free run (n,) over inputs ``u`` (n, k).
@@ -77,7 +77,7 @@ class LinearModel:
         if m < self.lags:
             raise ValueError(f"{m} first outputs, the model needs {self.lags}")
         errors = np.zeros(len(u))
-        errors[:m] = self._errors(u[:m], y0[: len(u)])
+        errors[:m] = self.errors(u[:m], y0[: len(u)])
         drive = self._drive(u) + lfilter([1.0, *self.c], [1.0], errors)
         past = lfiltic([1.0], self.poly, np.asarray(y0)[::-1][: len(self.a)])
         free, _ = lfilter([1.0], self.poly, drive[m:], zi=past)

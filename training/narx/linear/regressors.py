@@ -6,7 +6,7 @@ the end of a stretch. R is the triangular factor of the rows
 same result as on all samples, but R has only as many rows as columns.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,13 +46,9 @@ class Triangle:
     y_lags: int
     u_lags: int
 
-    def y_at(self, *lags: int) -> list[int]:
-        """Return the column numbers of y(t - lag)."""
-        return [1 + lag for lag in lags]
-
-    def u_at(self, index: int, *lags: int) -> list[int]:
-        """Return the column numbers of input ``index`` at t - lag."""
-        return [2 + self.y_lags + index * (self.u_lags + 1) + lag for lag in lags]
+    def columns(self, na: int, nb: int, delays: Sequence[int]) -> list[int]:
+        """Return the numbers of those of an ARX model, see ``columns_of``."""
+        return columns_of(self.y_lags, self.u_lags, na, nb, delays)
 
     def solve(self, columns: Sequence[int]) -> FloatArray:
         """Return the least-squares coefficients (n_columns,) of y(t) on these columns."""
@@ -61,21 +57,33 @@ class Triangle:
         scale[scale == 0.0] = 1.0
         return np.asarray(np.linalg.lstsq(left / scale, self.factor[:, 1], rcond=1e-10)[0] / scale)
 
+    def left(self, columns: Sequence[int]) -> FloatArray:
+        """Return what these columns leave of y(t), a vector (m,) of the same norm."""
+        return self.factor[:, 1] - self.factor[:, columns] @ self.solve(columns)
 
-def lagged_rows(stretch: Stretch, y_lags: int, u_lags: int) -> Iterator[FloatArray]:
-    """Yield chunks (rows, 2 + y_lags + k (u_lags + 1)) of the regressors with full history."""
+    def standard_errors(self, columns: Sequence[int]) -> FloatArray:
+        """Return those of the coefficients (n_columns,), if what is left is white."""
+        variance = float(np.sum(self.left(columns) ** 2)) / max(self.rows - len(columns), 1)
+        inverse = np.linalg.pinv(self.factor[:, columns], rcond=1e-10)
+        return np.sqrt(variance * np.sum(inverse**2, axis=1))
+
+
+def columns_of(y_lags: int, u_lags: int, na: int, nb: int, delays: Sequence[int]) -> list[int]:
+    """Return the numbers of the columns 1, u1(t - delay) .., u2(t - delay) .., y(t-1) .."""
+    first = [2 + y_lags + i * (u_lags + 1) + delay for i, delay in enumerate(delays)]
+    return [0, *(at + tap for at in first for tap in range(nb)), *range(2, 2 + na)]
+
+
+def lagged(stretch: Stretch, y_lags: int, u_lags: int) -> FloatArray:
+    """Return the rows (n - longest lag, 2 + y_lags + k (u_lags + 1)) with full history."""
     u, y = stretch
     longest = max(y_lags, u_lags)
-    if len(y) <= longest:
-        return
 
     def windows(signal: FloatArray, lags: int) -> FloatArray:
         return sliding_window_view(signal[longest - lags :], lags + 1)[:, ::-1]
 
-    parts = [windows(y, y_lags), *(windows(u[:, i], u_lags) for i in range(u.shape[1]))]
-    for start in range(0, len(y) - longest, CHUNK):
-        piece = [part[start : start + CHUNK] for part in parts]
-        yield np.concatenate([np.ones((len(piece[0]), 1)), *piece], axis=1)
+    one = np.ones((len(y) - longest, 1))
+    return np.concatenate([one, windows(y, y_lags), *(windows(x, u_lags) for x in u.T)], axis=1)
 
 
 def triangle(stretches: Sequence[Stretch], y_lags: int, u_lags: int) -> Triangle:
@@ -87,10 +95,12 @@ def triangle(stretches: Sequence[Stretch], y_lags: int, u_lags: int) -> Triangle
     n_inputs = stretches[0][0].shape[1]
     width = 2 + y_lags + n_inputs * (u_lags + 1)
     factor, rows = np.zeros((0, width)), 0
-    for stretch in stretches:
-        for chunk in lagged_rows(stretch, y_lags, u_lags):
+    for stretch in (s for s in stretches if len(s[1]) > max(y_lags, u_lags)):
+        every = lagged(stretch, y_lags, u_lags)
+        for start in range(0, len(every), CHUNK):
+            chunk = every[start : start + CHUNK]
             factor = np.asarray(np.linalg.qr(np.vstack([factor, chunk]), mode="r"))
-            rows += len(chunk)
+        rows += len(every)
     if rows <= width // 2:
         raise RecordingError(f"{rows} samples with full history for {width} lagged signals")
     return Triangle(factor, rows, n_inputs, y_lags, u_lags)

@@ -1,5 +1,7 @@
 """Impulse responses with confidence bands and dead times; tests of residuals.
 
+Several stretches stand end to end in a series; the few products of a correlation that reach across
+a joint are accepted as an error.
 Source: Ljung, System Identification, 2nd ed., sections 6.1, 9.3 and 16.6.
 """
 
@@ -12,94 +14,77 @@ from scipy.signal import correlate, lfilter
 from scipy.stats import chi2, norm
 
 from monitor.base.types import FloatArray
-from training.narx.linear.regressors import Stretch, Triangle, triangle
+from training.narx.linear.arx import solve_arx
+from training.narx.linear.models import LinearModel
+from training.narx.linear.regressors import Stretch, triangle
 
 LEVEL = 0.01  # significance level of every test; bands hold 99 %
 NOISE_ORDER = 10  # order of the AR noise filter, the reference toolbox's default
 TEST_LAGS = 25  # samples, largest of the tests of residuals
 VISIBLE = 0.1  # of the peak: smaller responses do not mark the dead time
-BAND = float(norm.ppf(1.0 - LEVEL / 2.0))  # half width of a band, in standard errors
 
 
-def joint_band(count: int) -> float:
-    """Return the half width of the band that ``count`` values hold together (Bonferroni)."""
+def band(count: int = 1) -> float:
+    """Return the half width, in standard errors, of the band that ``count`` values hold together.
+
+    Source: Bonferroni.
+    """
     return float(norm.ppf(1.0 - LEVEL / 2.0 / count))
 
 
-def cross_covariance(
-    a: Sequence[FloatArray], b: Sequence[FloatArray], lags: Sequence[int]
-) -> FloatArray:
-    """Return the cross covariance (n_lags,): the mean of a(t) b(t - lag), means removed first.
-
-    a, b : series, (n_i,) each; no product reaches across the end of a series
-    """
-    mean_a, mean_b = np.concatenate(a).mean(), np.concatenate(b).mean()
-    total, at = np.zeros(len(lags)), np.array(lags)
-    for x, z in zip(a, b, strict=True):
-        inside = np.abs(at) < len(x)
-        total[inside] += correlate(x - mean_a, z - mean_b)[at[inside] + len(x) - 1]
-    return total / sum(map(len, a))
+def correlation(a: FloatArray, b: FloatArray, lags: Sequence[int]) -> FloatArray:
+    """Return the correlation (n_lags,) of a(t) with b(t - lag); zeros for a constant."""
+    a, b = a - a.mean(), b - b.mean()
+    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return np.asarray(correlate(a, b)[np.array(lags) + len(a) - 1] / (scale or 1.0))
 
 
-def autocorrelation(series: Sequence[FloatArray], lags: int) -> FloatArray:
-    """Return the autocorrelation (lags + 1,) pooled over the series; zeros for a constant."""
-    covariance = cross_covariance(series, series, range(lags + 1))
-    return covariance / covariance[0] if covariance[0] > 0 else covariance
-
-
-def effective_samples(a: Sequence[FloatArray], b: Sequence[FloatArray], lags: int) -> float:
+def effective_samples(a: FloatArray, b: FloatArray, lags: int) -> float:
     """Return the number of independent pairs that would give the same variance of the correlation.
 
     Bartlett's formula: n over the sum of the products of both autocorrelations, up to ``lags`` in
     both directions, with a triangular taper.
     """
-    product = autocorrelation(a, lags) * autocorrelation(b, lags)
-    taper = 1.0 - np.arange(1, lags + 1) / (lags + 1)
-    return sum(map(len, a)) / max(1.0 + 2.0 * float(taper @ product[1:]), 1.0)
+    own = range(1, min(lags, len(a) - 1) + 1)
+    taper = 1.0 - np.array(own) / (lags + 1)
+    products = correlation(a, a, own) * correlation(b, b, own)
+    return len(a) / max(1.0 + 2.0 * float(taper @ products), 1.0)
 
 
-def whiteness(residuals: Sequence[FloatArray]) -> dict[str, Any]:
+def whiteness(residuals: FloatArray) -> dict[str, Any]:
     """Return the whiteness test: Ljung-Box, and the lags outside the autocorrelation's 99 % band.
 
-    residuals : series of held-out residuals (the test subtracts no degrees of freedom)
-    Ljung-Box joins the series; the ``lags`` products across a joint are accepted as an error.
+    residuals : (n,), held out, so that the test subtracts no degrees of freedom
     """
-    n = sum(map(len, residuals))
-    lags = min(TEST_LAGS, n - 1)
-    joined = autocorrelation([np.concatenate(residuals)], lags)[1:]
-    statistic = n * (n + 2) * float(np.sum(joined**2 / (n - np.arange(1, lags + 1))))
-    size, p_value = np.abs(autocorrelation(residuals, lags)[1:]), float(chi2.sf(statistic, lags))
-    outside = int(np.sum(size > BAND / np.sqrt(n)))
-    return {"lags": lags, "outside": outside, "p_value": p_value, "rejected": p_value < LEVEL}
+    n = len(residuals)
+    lags = range(1, min(TEST_LAGS, n - 1) + 1)
+    own = correlation(residuals, residuals, lags)
+    p_value = float(chi2.sf(n * (n + 2) * np.sum(own**2 / (n - np.array(lags))), len(lags)))
+    outside = int(np.sum(np.abs(own) > band() / np.sqrt(n)))
+    return {"lags": len(lags), "outside": outside, "p_value": p_value, "rejected": p_value < LEVEL}
 
 
 def independence(
-    residuals: Sequence[FloatArray], inputs: Sequence[FloatArray], names: Sequence[str]
+    residuals: FloatArray, inputs: FloatArray, names: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Return one test per input: do the residuals depend on it?
+    """Return one test per input (n, k): do the residuals (n,) depend on it?
 
-    inputs : (n, k) per stretch, rows as in ``residuals``
     The test uses the correlation of e(t) with u(t - lag); its standard deviation allows for the
     autocorrelation of both. Independence is rejected if any lag of 0 or above leaves the joint 99 %
     band. A correlation at negative lags means feedback and not a wrong model.
     """
-    lags, span = TEST_LAGS, range(-TEST_LAGS, TEST_LAGS + 1)
-    sigma_e = float(np.std(np.concatenate(residuals)))
-    result = []
-    for i, name in enumerate(names):
-        signal = [u[:, i] for u in inputs]
-        scale = sigma_e * float(np.std(np.concatenate(signal)))
-        correlation = cross_covariance(residuals, signal, span) / (scale if scale > 0 else 1.0)
-        spread = 1.0 / np.sqrt(effective_samples(residuals, signal, max(4 * lags, 50)))
-        limit = joint_band(lags + 1) * spread
-        causal, feedback = np.abs(correlation[lags:]), np.abs(correlation[:lags])
+    lags, result = range(-TEST_LAGS, TEST_LAGS + 1), []
+    for name, signal in zip(names, inputs.T, strict=True):
+        found = correlation(residuals, signal, lags)
+        spread = 1.0 / np.sqrt(effective_samples(residuals, signal, 4 * TEST_LAGS))
+        beyond = np.abs(found) > band(TEST_LAGS + 1) * spread
         result.append(
             {
                 "input": name,
-                "lags": span,
-                "correlation": correlation,
-                "rejected": bool(np.any(causal > limit)),
-                "feedback": bool(np.any(feedback > limit)),
+                "lags": lags,
+                "correlation": found,
+                "rejected": bool(beyond[TEST_LAGS:].any()),
+                "feedback": bool(beyond[:TEST_LAGS].any()),
             }
         )
     return result
@@ -111,7 +96,7 @@ class ImpulseResponse:
 
     response: FloatArray  # (k, lags), output's unit per input's unit
     standard_error: FloatArray  # (k, lags)
-    white: FloatArray  # (21,) autocorrelation of the residuals after the noise filter
+    white: FloatArray  # (20,) autocorrelation of the residuals after the noise filter
 
     def delays(self) -> list[int | None]:
         """Return the dead time of every input in samples, None if no lag leaves the joint band.
@@ -120,8 +105,8 @@ class ImpulseResponse:
         99 %, at which the response has at least a tenth of its peak: on long recordings, whose band
         is narrow, leakage between neighbouring samples is significant, too.
         """
-        size, band = np.abs(self.response), joint_band(self.response.shape[1]) * self.standard_error
-        outside = (size > band) & (size > VISIBLE * size.max(axis=1, keepdims=True))
+        size, joint = np.abs(self.response), band(self.response.shape[1]) * self.standard_error
+        outside = (size > joint) & (size > VISIBLE * size.max(axis=1, keepdims=True))
         return [int(np.argmax(row)) if row.any() else None for row in outside]
 
 
@@ -135,41 +120,20 @@ def impulse_response(stretches: Sequence[Stretch], lags: int) -> ImpulseResponse
     Raises RecordingError if there are too few samples.
     """
     lags = min(lags, (max(len(y) for _, y in stretches) - NOISE_ORDER - 1) // 2)
-    data = triangle(stretches, NOISE_ORDER, lags - 1)
-    past = data.solve([*_taps(data, lags), *data.y_at(*range(1, NOISE_ORDER + 1))])[-NOISE_ORDER:]
-    noise = [1.0, *-past]
-    whitened = [
-        (lfilter(noise, [1.0], u, axis=0)[NOISE_ORDER:], lfilter(noise, [1.0], y)[NOISE_ORDER:])
-        for u, y in stretches
-    ]
-    theta, error = _fir(whitened, lags)
-    left, driven = [], []
-    for u, y in whitened:
-        if len(y) > 2 * lags:
-            taps = theta[1:].reshape(-1, lags)
-            moved = [lfilter(tap, [1.0], u[:, i]) for i, tap in enumerate(taps)]
-            left.append((y - theta[0] - np.sum(moved, axis=0))[lags:])
-            driven.append(u[lags:])
-    k = data.n_inputs
-    effective = np.array(
-        [effective_samples(left, [u[:, i] for u in driven], 4 * lags) for i in range(k)]
-    )
-    widened = error[1:].reshape(k, lags) * np.sqrt(sum(map(len, left)) / effective)[:, None]
-    return ImpulseResponse(theta[1:].reshape(k, lags), widened, autocorrelation(left, 20))
+    none = (0,) * stretches[0][0].shape[1]
+    noise = solve_arx(triangle(stretches, NOISE_ORDER, lags - 1), NOISE_ORDER, lags, none).poly
 
+    def whitened(signal: FloatArray) -> FloatArray:
+        return np.asarray(lfilter(noise, [1.0], signal, axis=0))[NOISE_ORDER:]
 
-def _taps(data: Triangle, lags: int) -> list[int]:
-    """Return the columns of [1, u1(t) .., u2(t) ..]."""
-    return [0, *(c for i in range(data.n_inputs) for c in data.u_at(i, *range(lags)))]
-
-
-def _fir(stretches: Sequence[Stretch], lags: int) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients of [1, u1(t) .., u2(t) ..] and their standard errors."""
-    data = triangle(stretches, 0, lags - 1)
-    columns = _taps(data, lags)
-    theta, left = data.solve(columns), data.factor[:, columns]
-    error = data.factor[:, 1] - left @ theta
-    variance = float(error @ error) / max(data.rows - len(columns), 1)
-    scale = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
-    inverse = np.linalg.pinv(left / scale, rcond=1e-10)
-    return theta, np.sqrt(variance * np.sum(inverse**2, axis=1)) / scale
+    white = [(whitened(u), whitened(y)) for u, y in stretches]
+    data = triangle(white, 0, lags - 1)
+    columns = [0, *range(2, data.factor.shape[1])]
+    theta, error = data.solve(columns), data.standard_errors(columns)[1:].reshape(-1, lags)
+    model = LinearModel(np.zeros(0), theta[1:].reshape(-1, lags), none, float(theta[0]))
+    long = [(u, y) for u, y in white if len(y) > 2 * lags]
+    left = np.concatenate([model.errors(u, y)[lags:] for u, y in long])
+    driven = np.concatenate([u[lags:] for u, _ in long])
+    effective = np.array([effective_samples(left, u, 4 * lags) for u in driven.T])
+    widened = error * np.sqrt(len(left) / effective)[:, None]
+    return ImpulseResponse(model.b, widened, correlation(left, left, range(1, 21)))

@@ -1,0 +1,89 @@
+"""Models by their prediction error: output error, and state space in its innovations form.
+
+``A(q) y(t) = offset + B(q) u(t) + C(q) e(t)``, all inputs with one A, as they share the states.
+Levenberg–Marquardt minimises the mean square of e from an ARX model. An output error model keeps
+C = A, so that e is its simulation error; in the innovations form C is free. Of the models on the
+way the best stable one is kept.
+Source: Ljung, System Identification, 2nd ed., sections 7.2, 10.2 and 10.5.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import lfilter
+
+from monitor.base.types import FloatArray
+from training.narx.algorithms.lm import minimise
+from training.narx.linear.models import LinearModel
+from training.narx.linear.regressors import Stretch, columns_of, lagged
+
+
+class PredictionError:
+    """The mean squared one-step error of models with the orders and dead times of ``start``.
+
+    The weights are offset, B, -A, and C if it is free.
+    skip : number of first samples of a stretch that set the state and are not scored
+    """
+
+    def __init__(
+        self, start: LinearModel, records: Sequence[Stretch], skip: int, *, output_error: bool
+    ) -> None:
+        lags, self.na, self.output_error = start.lags, len(start.a), output_error
+        self.delays, self.skip, self.size = start.delays, skip - lags, start.b.size + self.na + 1
+        chosen = columns_of(lags, lags, self.na, start.b.shape[1], start.delays)
+        rows = [lagged(stretch, lags, lags) for stretch in records]
+        self.stretches = [(each[:, chosen], each[:, 1]) for each in rows]
+
+    def model(self, weights: FloatArray) -> LinearModel:
+        """Return the model with these weights."""
+        (offset,), b, a, c = np.split(weights, [1, self.size - self.na, self.size])
+        b = b.reshape(len(self.delays), -1)
+        return LinearModel(-a, b, self.delays, float(offset), -a if self.output_error else c)
+
+    def errors(self, weights: FloatArray) -> list[FloatArray]:
+        """Return the errors (n - lags,) of every stretch."""
+        theta, c = weights[: self.size], [1.0, *self.model(weights).c]
+        return [lfilter([1.0], c, y - x @ theta) for x, y in self.stretches]
+
+    def cost(self, weights: FloatArray) -> float:
+        """Return the mean squared error."""
+        scored = [error[self.skip :] for error in self.errors(weights)]
+        return float(np.mean(np.concatenate(scored) ** 2))
+
+    def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return the cost, J'J and J'e, divided by the number of errors."""
+        c, n, sums = [1.0, *self.model(weights).c], 0, np.zeros((len(weights) + 1,) * 2)
+        for (x, _), error in zip(self.stretches, self.errors(weights), strict=True):
+            past = [np.append(np.zeros(lag), error[:-lag]) for lag in range(1, self.na + 1)]
+            slopes = np.column_stack([x, *past])
+            if self.output_error:
+                slopes[:, self.size - self.na : self.size] -= slopes[:, self.size :]
+                slopes = slopes[:, : self.size]
+            rows = np.column_stack([-lfilter([1.0], c, slopes, axis=0), error])[self.skip :]
+            sums, n = sums + rows.T @ rows, n + len(rows)
+        return sums[-1, -1] / n, sums[:-1, :-1] / n, sums[:-1, -1] / n
+
+
+def refine(
+    start: LinearModel,
+    records: Sequence[Stretch],
+    skip: int,
+    epochs: int = 30,
+    *,
+    output_error: bool = True,
+) -> tuple[LinearModel, float]:
+    """Return the stable model with the least prediction error near ``start``, and its mean square.
+
+    start : an ARX model with at least one ``a``; from an unstable one only B is taken
+    skip : as of ``PredictionError``, at least the model's lags
+    """
+    loop = PredictionError(start, records, skip, output_error=output_error)
+    a = start.a if start.stable else 0.0 * start.a
+    first = np.concatenate([[start.offset], start.b.ravel(), -a, 0.0 * a[output_error * len(a) :]])
+
+    def score(weights: FloatArray) -> float:
+        return loop.cost(weights) if loop.model(weights).stable else np.inf
+
+    with np.errstate(over="ignore", invalid="ignore"):  # of an unstable trial
+        found = minimise(loop, first, score, epochs=epochs, max_fail=epochs)
+    return loop.model(found.weights), found.score
