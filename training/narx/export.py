@@ -188,11 +188,6 @@ def finished(graph: Graph, n_inputs: int, size: int) -> onnx.ModelProto:
     return model
 
 
-def save(path: Path | str, network: Network, card: ModelCard) -> None:
-    """Write graph and card to one file."""
-    write(path, build(network), card)
-
-
 def write(path: Path | str, model: onnx.ModelProto, card: ModelCard) -> None:
     """Write a graph and its card to one file."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)

@@ -14,7 +14,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.narx.cross_fit import CrossFit, cross_fit
-from training.narx.export import save
+from training.narx.export import build, write
 from training.narx.model_file import (
     ALL_OF_A_NETWORK,
     OF_TWINS,
@@ -161,7 +161,7 @@ def write_model(
         checks=checks,
         **shape_of(network, members),
     )
-    save(out, network, card)
+    write(out, build(network), card)
     return card
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base import config, counts
+from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
@@ -21,7 +21,7 @@ from training.narx.fit import FitOptions, FitResult, FitSource, fit, write_model
 from training.narx.model_file import OF_TWINS
 from training.narx.network import Spec, describe
 from training.narx.search.mean import mean_of
-from training.narx.search.stability import CONTRACTION_SAMPLES, contraction
+from training.narx.search.stability import contraction
 from training.narx.search.stages import Trained, blocks_of, train
 from training.narx.work import Work
 from training.recordings.samples.preparation import Role
@@ -206,16 +206,9 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     work = Work.of_minutes(task.settings.budget_minutes)
     twins = cross_fit(data, model.spec, seed=task.settings.seed, work=work, threads=task.jobs)
     card = write_model(path, model.spec, model.weights, twins, gap)
-    warnings = []
-    if not gap.forgets:
-        warnings.append(
-            "the model does not forget a wrong start: two runs that begin with different past "
-            f"values differ by {counts.plain(gap.gap, 3)} after {CONTRACTION_SAMPLES} samples "
-            f"(limit {counts.plain(gap.limit, 3)})"
-        )
+    warnings = gap.warnings()
     try:
-        unseen = list(twins.unseen(card))
-        card = set_limits(path, unseen, OF_TWINS, config.load())
+        card = set_limits(path, list(twins.unseen(card)), OF_TWINS, config.load())
     except RecordingError as error:
         warnings.append(f"the model has no decision limits: {error}")
     path.replace(task.out / "model.onnx")

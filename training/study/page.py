@@ -77,10 +77,9 @@ def _confidence(choice: Mapping[str, Any]) -> str:
 
 def warnings(parts: Parts, titles: Mapping[str, str]) -> list[str]:
     """Return the warnings at the top of the page; ``titles`` are those of the parts."""
-    free = [w for w in parts["free"].get("warnings", []) if "histories" not in w]
     found = [f["text"] for f in parts["check"]["findings"] if f["level"] == "warning"]
-    found += parts["narx"].get("warnings", []) + [f"free structure: {w}" for w in free]
-    found += parts["shipped"]["warnings"]
+    found += parts["narx"].get("warnings", []) + parts["shipped"]["warnings"]
+    found += [f"free structure: {text}" for text in parts["free"].get("warnings", [])]
     skipped = {name: parts[name]["skipped"] for name in titles if "skipped" in parts[name]}
     found += [f"{titles[name]}: left out, {why}" for name, why in skipped.items()]
     chosen, sensor = parts["choice"]["candidates"][parts["choice"]["chosen"]], parts["sensor"]

@@ -15,7 +15,7 @@ from monitor.model import model_file
 from monitor.model.card import Limit, ModelCard, TrainingRecording
 from monitor.model.step import Model, from_model_units, to_model_units
 from tests.helpers.models.networks import card_of, network_of
-from training.narx.export import Network, build, file_content, save, update_card
+from training.narx.export import Network, build, file_content, update_card, write
 from training.narx.network import simulate
 from training.recordings.samples.transforms import apply, fuel_air_ratio
 
@@ -52,7 +52,7 @@ def drive(n: int = 400, seed: int = 1) -> FloatArray:
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     net = network()
-    save(tmp_path / "model.onnx", net, card(net))
+    write(tmp_path / "model.onnx", build(net), card(net))
     return tmp_path / "model.onnx"
 
 
@@ -82,7 +82,7 @@ def test_every_batch_size_gives_the_bits_of_single_runs(tmp_path: Path) -> None:
         ]
     ):
         file = tmp_path / f"{number}.onnx"
-        save(file, net, card(net))
+        write(file, build(net), card(net))
         model = Model.load(file)
         u = np.stack([drive(25, seed) for seed in range(70)])
         single = np.empty(u.shape[:2])
@@ -123,7 +123,7 @@ def test_a_file_runs_freely_as_its_network_does(
     # GIVEN a network and its file, inputs beyond the trained range
     net = network(transform, ratio, first_lag, hidden)
     file, u = tmp_path / "m.onnx", drive(300)
-    save(file, net, card(net))
+    write(file, build(net), card(net))
     # THEN float32 in ONNX and float64 in numpy agree over a free run
     assert apart(file, net, u) < 2e-5
     # and weights that differ by 1 % do not
@@ -276,7 +276,7 @@ def test_update_card_refuses_a_card_that_does_not_fit_and_keeps_the_file(path: P
 
 def test_the_same_network_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.onnx", "b.onnx"):
-        save(tmp_path / name, network(), card(network()))
+        write(tmp_path / name, build(network()), card(network()))
     assert (tmp_path / "a.onnx").read_bytes() == (tmp_path / "b.onnx").read_bytes()
 
 
@@ -285,7 +285,7 @@ def test_the_prediction_is_named_after_the_output_and_older_names_are_read(tmp_p
     net = network(transform="none")
     own = card(net)
     level = dataclasses.replace(own, output=dataclasses.replace(own.output, name="level_m"))
-    save(tmp_path / "level.onnx", net, level)
+    write(tmp_path / "level.onnx", build(net), level)
     (tmp_path / "older.onnx").write_bytes(file_content(build(net), level))
     # THEN the graph says what it predicts
     names = [each.name for each in onnx.load(str(tmp_path / "level.onnx")).graph.output]

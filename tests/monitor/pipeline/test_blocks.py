@@ -23,7 +23,7 @@ from tests.helpers.examples import inputs
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, SHORT, assert_same, fresh, stream
 from tests.helpers.models.networks import card_of, network_of
 from training.limits.side_by_side import RecordingJudge
-from training.narx.export import save
+from training.narx import export
 
 INPUTS = ("air_mass_mg", "lambda_controller")
 NAMES = (*INPUTS, "lambda_measured", *enable.SIGNALS)
@@ -40,7 +40,7 @@ def tiny_model(folder: Path, transform: str) -> Model:
     low, high = np.array([100.0, 0.8]), np.array([600.0, 1.2])
     net = network_of(INPUTS, low, high, transform, lags=3, hidden=(4,))
     path = folder / f"{transform}.onnx"
-    save(path, net, card_of(net, low, high, longest=1.2))
+    export.write(path, export.build(net), card_of(net, low, high, longest=1.2))
     return Model.load(path)
 
 

@@ -129,7 +129,7 @@ def test_study_json_holds_every_part_and_its_figures(result: dict[str, Any]) -> 
     assert held_out["title"] == "test.csv" and held_out["source"] == "recorded"
     assert held_out["all"]["fit_percent"] == pytest.approx(chosen["after"]["all"]["fit_percent"])
     assert held_out["all"]["correlation"] > 0.9
-    assert result["beside"]["narx"]["parameters"] == chosen["n_weights"]
+    assert result["beside"]["parameters"] == chosen["n_weights"]
 
 
 def test_closed_loop_training_is_set_beside_one_step_training(result: dict[str, Any]) -> None:

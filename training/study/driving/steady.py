@@ -5,14 +5,10 @@ the paper's structure is trained twice, by the same recipe and on equally many s
 steady driving and once on all driving. Both models run freely on the same transient drives.
 """
 
-from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from monitor.base.errors import RecordingError
 from training.jobs.json_tree import json_tree
-from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
 from training.study.free_runs import FreeRun, judged_on
 from training.study.narx.models import Recipe, thin, trained
@@ -31,26 +27,18 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
     """
     if not task.steady:
         raise RecordingError("no recordings at steady operating points (--steady)")
-    mixed = list(task.recordings)
-    if not task.test:
-        mixed = [_without_test(task, i) for i in range(len(mixed))]
-    known = {r.sha256: r for r in mixed}  # without test blocks
-    steady = [known.get(r.sha256, r) for r in task.steady]
+    if not task.test and {r.sha256 for r in task.steady} & {r.sha256 for r in task.recordings}:
+        raise RecordingError("steady recordings train both models: give drives to judge (--test)")
     settings = task.settings
-    whole = [
-        prepare(each, task.inputs, task.output, lags=LAGS, seed=settings.seed)
-        for each in (steady, mixed)
-    ]
+    steady = prepare(task.steady, task.inputs, task.output, lags=LAGS, seed=settings.seed)
+    whole = (steady, task.data)
     counts = [int((d.role == Role.TRAIN).sum()) for d in whole]
     n = min(*counts, settings.n_samples)
     if n < FEWEST:
         raise RecordingError(
             f"{counts[0]} training samples of steady operation, {FEWEST} are wanted"
         )
-    few = [
-        replace(thin(data, n), recordings=tuple(own))
-        for data, own in zip(whole, (steady, mixed), strict=True)
-    ]
+    few = [thin(data, n) for data in whole]
     minutes = BUDGET_SHARE * settings.budget_minutes
     recipe = Recipe(LAGS, HIDDEN, min(STARTS, settings.starts), settings.seed, minutes)
     models = {}
@@ -61,7 +49,7 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
         models[name] = run.errors() | {
             "own_validation_rmse": best.score * data.scaling.y_std,
             "samples": int((data.role == Role.TRAIN).sum()),
-            "source": source(data.recordings),
+            "source": source(task.steady if name == "steady" else task.recordings),
             "cut": best.cut_short,
             "outside": _outside(data, run),
         }
@@ -81,14 +69,3 @@ def _outside(data: Prepared, run: FreeRun) -> float:
     low, high = ((edge - s.u_mean) / s.u_std for edge in (s.u_low, s.u_high))
     u = run.data.samples.u[run.rows]
     return float(((u <= low + 1e-9) | (u >= high - 1e-9)).any(axis=1).mean())
-
-
-def _without_test(task: Task, index: int) -> Recording:
-    """Return the recording with its test blocks set to NaN, so that no training uses them."""
-    recording, data = task.recordings[index], task.data
-    values = np.array(recording.values, dtype=np.float64)
-    for s in data.segments:
-        if s.recording == index:
-            test = np.flatnonzero(data.role[s.start : s.stop] == Role.TEST)
-            values[s.first + test] = np.nan
-    return replace(recording, values=values)
