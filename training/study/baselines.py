@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from training.study.task import Parts, Task
 MAX_STATES = 12
 LEAST_ORDER = 2
 IMPULSE_LAGS = 50  # samples
-FREE_RUN = ("validation_rmse", "validation_fit_percent", "rmse", "fit_percent", "correlation")
 CRITERIA = {"arx_sum_of_squares": "validation_loss", "arx_mdl": "mdl", "arx_aic": "aic"}
 
 Figures = dict[str, Any]
@@ -80,10 +79,9 @@ def linear(
     data = triangle(usable["training"], skip, skip)
     learn, choose, judge = usable.values()
     case = BaselineCase(learn, choose, judge, order, skip, data, arx.arx_delays(data, order))
-    models, orders = _arx_models(case)
-    others, starts = _by_prediction_error(case, models["arx_free_run"])
-    models |= others
+    models, candidates = _models(case)
     fits = {name: _scores(m, case) for name, m in models.items()}
+    errors = {name: each["validation_rmse"] for name, each in fits.items() if each["stable"]}
     result = {
         "schema": "o2train.study.linear/1",
         "inputs": inputs,
@@ -94,11 +92,9 @@ def linear(
         "skip": skip,
         "largest_order": order,
         "impulse": _impulse(case, inputs),
-        "arx": orders,
-        "states": len(models["state_space"].a),
-        "output_error": starts,
+        "candidates": candidates,
         "models": fits,
-        "best": min((n for n in fits if fits[n]["stable"]), key=lambda n: fits[n][FREE_RUN[0]]),
+        "best": min(errors, key=errors.__getitem__),
         "residuals": _residuals(models, case, inputs),
     }
     return dict(json_tree(result))
@@ -117,52 +113,33 @@ def _usable(stretches: Sequence[Stretch], role: str, skip: int) -> list[Stretch]
     return kept
 
 
-def _arx_models(case: BaselineCase) -> tuple[dict[str, LinearModel], Figures]:
-    """Return four ARX models, chosen by four criteria, and the figures of the grid of orders."""
-    data, order = case.data, case.order
+def _models(case: BaselineCase) -> tuple[dict[str, LinearModel], int]:
+    """Return the chosen models by name, and the number of orders and dead times of ARX models.
+
+    ARX by four criteria; state space of the best order and output error from the best start, both
+    in free run.
+    """
+    data, order, none = case.data, case.order, (0,) * case.data.n_inputs
     grid_delays = common_delays(data.n_inputs, min(arx.GRID_DELAYS, order), case.delays)
     held_out = triangle(case.validate, case.skip, case.skip)
     grid = arx.order_grid(data, held_out, order, grid_delays)
     best = {n: min(grid, key=lambda c: getattr(c, key)) for n, key in CRITERIA.items()}
     models = {n: solve_arx(data, c.na, c.nb, c.delays) for n, c in best.items()}
-    models["arx_free_run"] = arx.best_in_free_run(data, case.validate, order, case.delays)
-    orders = {n: {"na": len(m.a), "nb": m.b.shape[1], "nk": m.delays} for n, m in models.items()}
-    return models, {"candidates": len(grid), "choices": orders}
-
-
-def _by_prediction_error(
-    case: BaselineCase, free: LinearModel
-) -> tuple[dict[str, LinearModel], Figures]:
-    """Return the best state space and output error model in free run, and figures of the latter.
-
-    free : the best ARX in free run
-    """
-    data, none, wide = case.data, (0,) * case.data.n_inputs, min(12, case.order)
-    orders = range(1, min(MAX_STATES, case.order) + 1)
-    long = [solve_arx(data, n, n + 1, none) for n in orders]
-    states = [refine(each, case.train, case.skip, output_error=False)[0] for each in long]
-    starts = [("state space", m) for m in states[:8]]
-    shapes = [(n, n, case.delays) for n in (1, 2, 3)] + [(n, wide, none) for n in (1, 2, 4, 6)]
-    starts += [("ARX", solve_arx(data, *shape)) for shape in shapes if shape[0] <= case.order]
-    if 1 <= len(free.a) <= MAX_STATES:
-        starts.append(("ARX, free run", free))
-    refined = [refine(start, case.train, case.skip) for _, start in starts]
+    free = arx.best_in_free_run(data, case.validate, order, case.delays)
 
     def error(model: LinearModel) -> float:
         return free_run_error(model, case.validate, case.skip)
 
-    best = min((model for model, _ in refined), key=error)
-    rows = [
-        {"start": name, **_shape(model)}
-        | {"training_rmse": np.sqrt(cost), "validation_rmse": np.sqrt(error(model))}
-        for (name, _), (model, cost) in zip(starts, refined, strict=True)
-    ]
-    models = {"state_space": min(states, key=error), "output_error": best}
-    return models, {**_shape(best), "starts": rows}
-
-
-def _shape(model: LinearModel) -> Figures:
-    return {"nf": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
+    sizes = range(1, min(MAX_STATES, order) + 1)
+    long = [solve_arx(data, n, n + 1, none) for n in sizes]
+    states = [refine(each, case.train, case.skip, output_error=False) for each in long]
+    shapes = [(n, n, case.delays) for n in (1, 2, 3)]
+    shapes += [(n, min(12, order), none) for n in (1, 2, 4, 6)]
+    starts = states[:8] + [solve_arx(data, *shape) for shape in shapes if shape[0] <= order]
+    starts += [free] if len(free.a) in sizes else []
+    simulated = [refine(start, case.train, case.skip) for start in starts]
+    models |= {"arx_free_run": free, "state_space": min(states, key=error)}
+    return models | {"output_error": min(simulated, key=error)}, len(grid)
 
 
 def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
@@ -180,19 +157,17 @@ def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
 
 
 def _scores(model: LinearModel, case: BaselineCase) -> Figures:
-    """Return the fits of free run and one-step prediction; free-run fits are None if unstable."""
-    y, held_out = (case.scored([y for _, y in each]) for each in (case.test, case.validate))
-    one_step = case.scored([model.predict(u, y) for u, y in case.test])
+    """Return orders, and fits of one step and free run; those of an unstable free run are None."""
     known: Figures = {"parameters": model.n_parameters, "stable": model.stable}
-    known["one_step_fit_percent"] = fit(y, one_step)
-    if not model.stable:
-        return known | dict.fromkeys(FREE_RUN)
-    run, held_out_run = (
-        case.scored(free_runs(model, each, case.skip)) for each in (case.test, case.validate)
-    )
-    validation = (rmse(held_out, held_out_run), fit(held_out, held_out_run))
-    values = (*validation, rmse(y, run), fit(y, run), correlation(y, run))
-    return known | dict(zip(FREE_RUN, values, strict=True))
+    known |= {"na": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
+    one_step = case.scored([model.predict(u, y) for u, y in case.test])
+    known["one_step_fit_percent"] = fit(case.scored([y for _, y in case.test]), one_step)
+    for of, each in (("validation_", case.validate), ("", case.test)):
+        measured = case.scored([y for _, y in each])
+        run = case.scored(free_runs(model, each, case.skip)) if model.stable else None
+        for name, measure in MEASURES.items():
+            known[of + name] = None if run is None else measure(measured, run)
+    return known
 
 
 def fit(measured: FloatArray, simulated: FloatArray) -> float | None:
@@ -200,6 +175,9 @@ def fit(measured: FloatArray, simulated: FloatArray) -> float | None:
     if len(measured) < 2 or np.ptp(measured) == 0.0 or not np.isfinite(simulated).all():
         return None
     return fit_percent(measured, simulated)
+
+
+MEASURES: Final = {"rmse": rmse, "fit_percent": fit, "correlation": correlation}
 
 
 def _residuals(

@@ -71,8 +71,8 @@ def refine(
     epochs: int = 30,
     *,
     output_error: bool = True,
-) -> tuple[LinearModel, float]:
-    """Return the stable model with the least prediction error near ``start``, and its mean square.
+) -> LinearModel:
+    """Return the stable model with the least prediction error near ``start``.
 
     start : an ARX model with at least one ``a``; from an unstable one only B is taken
     skip : as of ``PredictionError``, at least the model's lags
@@ -86,4 +86,4 @@ def refine(
 
     with np.errstate(over="ignore", invalid="ignore"):  # of an unstable trial
         found = minimise(loop, first, score, epochs=epochs, max_fail=epochs)
-    return loop.model(found.weights), found.score
+    return loop.model(found.weights)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import polynomial
 from scipy import linalg, signal
 
@@ -21,6 +20,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.limits.trust import put_on
 from training.narx.cross_fit import as_recorded
+from training.narx.linear.regressors import lagged
 from training.narx.search.stages import free_run
 from training.recordings.metrics import correlation
 from training.recordings.recording import Recording
@@ -90,16 +90,17 @@ def estimate_controller(recordings: Sequence[Recording], output: str) -> Control
         parts += [values[a:b] for a, b in runs(good) if b - a >= SHORTEST]
     if not parts or len({v.shape[1] for v in parts}) > 1:
         return None
-    rows = np.concatenate([_regression(v) for v in parts])
+    rows = np.concatenate([lagged((v[1:, 1:], np.diff(v[:, 0])), 1, TAPS) for v in parts])
+    increment, rows = rows[:, 1], np.delete(rows, 1, axis=1)  # 1, increment(t-1), mixture taps
     cut = 2 * len(rows) // 3
-    coefficients = linalg.lstsq(rows[:cut, 1:], rows[:cut, 0])[0]
+    _, own, *taps = coefficients = linalg.lstsq(rows[:cut], increment[:cut])[0]
     phi = np.concatenate([v[:, 1] for v in parts])
     law = Controller(
-        own=float(np.clip(coefficients[0], -0.98, 0.98)),
-        measured=coefficients[1 : TAPS + 2],
+        own=float(np.clip(own, -0.98, 0.98)),
+        measured=np.array(taps[: TAPS + 1]),
         dead_time=_dead_time(parts),
         limit=float(np.percentile(np.abs(phi - np.median(phi)), LIMIT_PERCENTILE)),
-        explained=correlation(rows[cut:, 0], rows[cut:, 1:] @ coefficients),
+        explained=correlation(increment[cut:], rows[cut:] @ coefficients),
     )
     return law if law.stable else None
 
@@ -112,13 +113,6 @@ def _dead_time(parts: Sequence[FloatArray]) -> int:
     if parts[0].shape[1] < 3:
         return TAPS
     return int(np.argmax(correlations([(v[:, 2], v[:, 1]) for v in parts], MOST_DEAD_TIME)))
-
-
-def _regression(values: FloatArray) -> FloatArray:
-    """Return the rows of the regression: increment, previous increment, mixture taps, constant."""
-    increment, n = np.diff(values[:, 0]), len(values) - 1 - TAPS
-    taps = sliding_window_view(values[1:, 1:], TAPS + 1, axis=0)[:, :, ::-1].reshape(n, -1)
-    return np.column_stack([increment[TAPS:], increment[TAPS - 1 : -1], taps, np.ones(n)])
 
 
 def transparency(
