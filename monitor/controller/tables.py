@@ -23,7 +23,6 @@ from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE
 from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
 from monitor.judge.limits import Limits
-from monitor.judge.response import bank
 from monitor.judge.response.claims import claims
 from monitor.judge.response.rule import GAIN_FOLLOWS, GAIN_KNOWN
 from monitor.judge.trust import OF_MODEL
@@ -115,7 +114,6 @@ def _shown(value: float | bool) -> str:
 
 def _sizes(source: ExportSource) -> dict[str, int]:
     card, response = source.card, source.config.response
-    hypotheses = bank.build(response)
     period_s = source.period_s
     return {
         "N_INPUTS": len(card.inputs),
@@ -125,8 +123,8 @@ def _sizes(source: ExportSource) -> dict[str, int]:
         "N_WINDOW": source.config.window.n_samples,
         "N_LAG": len(response.lags_s),
         "N_DELAY": len(response.delays_s),
-        "N_COLUMNS": len(hypotheses) + 1,
-        "N_CLAIMS": len(claims(response, hypotheses)),
+        "N_COLUMNS": claims(response)[-1].column + 1,
+        "N_CLAIMS": len(claims(response)),
         "N_GAINS": len(_gains(source)),
         "N_PAST": int(max(_steps(s, period_s) for s in response.delays_s)) + 1,
         "N_RANGES": len(_conditions(source).ranges),
@@ -178,7 +176,7 @@ def _of_response(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     yield "LEAST_MEASURED", LAMBDA_LEAST, "output's unit"
     yield "NOISE_MEMORY", limits.noise_memory, "correlation of neighbouring samples"
     yield "GAIN_MODEL", limits.gain_model, "measurement over prediction"
-    new = limits.errors.innovation_var
+    new = limits.innovation_var
     yield "NOISE_VAR", limits.noise**2, "phi squared, of the healthy residual"
     yield "INNOVATION_VAR", new, "phi squared, of what is new in a sample"
     yield "LEAST_VAR", response.noise_least * new, "phi squared, of an error in a window"
@@ -352,14 +350,14 @@ def _rules(source: ExportSource) -> list[str]:
 
 def _gains(source: ExportSource) -> list[tuple[float, float]]:
     """Return the ranges of gains that claims have."""
-    found = claims(source.config.response, bank.build(source.config.response))
+    found = claims(source.config.response)
     return sorted({(each.gain_low, each.gain_high) for each in found})
 
 
 def _claims(source: ExportSource) -> list[str]:
     response, untested = source.config.response, source.limits.trust.untested
     found, ranges = [], _gains(source)
-    for each in claims(response, bank.build(response)):
+    for each in claims(response):
         kind = "UNTESTED" if each.fault in untested else "FAULTY"
         if not each.fault:
             kind = "BARELY" if each.hypothesis.near_limit else "SURELY"

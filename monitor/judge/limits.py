@@ -6,7 +6,6 @@ from typing import Final
 
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
-from monitor.judge.response.claims import ErrorModel
 from monitor.judge.trust import UNKNOWN, Trust
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
@@ -45,15 +44,9 @@ class Limits:
         return self.gain_model * self.gain
 
     @property
-    def errors(self) -> ErrorModel:
-        """Return how the model errs on this vehicle."""
-        return ErrorModel(
-            std=self.noise,
-            memory=self.noise_memory,
-            gain=self.gain_expected,
-            evidence=self.evidence,
-            evidence_gain=self.evidence_gain,
-        )
+    def innovation_var(self) -> float:
+        """Return the variance of the new part of each sample of the healthy residual."""
+        return self.noise**2 * (1.0 - self.noise_memory**2)
 
     @classmethod
     def from_card(cls, card: ModelCard, config: Config, where: str) -> "Limits":

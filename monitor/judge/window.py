@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, IntArray
@@ -58,11 +59,9 @@ class Series(NamedTuple):
 class Windows:
     """Fills windows that do not overlap; an interruption discards the window begun."""
 
-    def __init__(self, n_samples: int, n_hypotheses: int, *, is_cut: bool = False) -> None:
+    def __init__(self, n_samples: int, *, is_cut: bool = False) -> None:
         self._n, self._is_cut = n_samples, is_cut
-        self._shape = n_samples, n_hypotheses
-        self._filled = 0  # samples of the window begun
-        self._t_start_ns = 0
+        self._begun: list[NDArray[Any]] = []  # of the window begun: times, readings, bank
         self.completed = 0
         self.discarded = 0
 
@@ -75,7 +74,7 @@ class Windows:
         """
         found = []
         for begin, end in runs(usable):
-            filled = self._filled if goes_on and begin == 0 else 0
+            filled = len(self._begun[0]) if self._begun and goes_on and begin == 0 else 0
             total, rest = filled + end - begin, 0
             if not (is_last and end == len(usable)):
                 rest = total % self._n
@@ -91,33 +90,32 @@ class Windows:
 
         goes_on : the block's first sample may go on with the window begun
         """
-        if self._filled and not (goes_on and spans and spans[0].begin == 0):
+        if self._begun and not (goes_on and spans and spans[0].begin == 0):
             self.discarded += 1
-            self._filled = 0
+            self._begun = []
         found = []
         for begin, end, read in spans:
-            k = begin
-            while k < end:
-                stop = min(k + self._n - self._filled, end)
-                self._fill(slice(k, stop), series, read[k - begin : stop - begin])
-                k = stop
-                if self._filled == self._n:
-                    found.append((k - 1, self._window(series.t_ns.item(k - 1))))
+            now = *(column[begin:end] for column in series), read
+            both = zip(self._begun, now, strict=True) if self._begun else ((each,) for each in now)
+            own = [np.concatenate(each) for each in both]
+            n_own = len(own[0])
+            for k in range(self._n, n_own + 1, self._n):
+                window = self._window(*(column[k - self._n : k] for column in own))
+                found.append((end - n_own + k - 1, window))
+            rest = n_own % self._n
+            self._begun = [column[-rest:] for column in own] if rest else []
         return found
 
-    def _fill(self, part: slice, series: Series, bank: FloatArray) -> None:
-        """Add samples to the window begun."""
-        if self._filled == 0:
-            self._t_start_ns = series.t_ns.item(part.start)
-            self._measured, self._predicted = np.empty(self._n), np.empty(self._n)
-            self._bank = np.empty(self._shape)
-        place = slice(self._filled, self._filled + part.stop - part.start)
-        self._measured[place] = series.measured[part]
-        self._predicted[place] = series.predicted[part]
-        self._bank[place] = bank
-        self._filled = place.stop
-
-    def _window(self, t_end_ns: int) -> Window:
-        self._filled, self.completed = 0, self.completed + 1
-        arrays = self._measured, self._predicted, self._bank
-        return Window(self.completed - 1, self._t_start_ns, t_end_ns, *arrays, is_cut=self._is_cut)
+    def _window(
+        self, t_ns: IntArray, measured: FloatArray, predicted: FloatArray, bank: FloatArray
+    ) -> Window:
+        self.completed += 1
+        return Window(
+            index=self.completed - 1,
+            t_start_ns=t_ns.item(0),
+            t_end_ns=t_ns.item(-1),
+            measured=measured,
+            predicted=predicted,
+            bank=bank,
+            is_cut=self._is_cut,
+        )

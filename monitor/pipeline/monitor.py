@@ -22,7 +22,6 @@ from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
-from monitor.judge.response import bank
 from monitor.judge.window import Series, Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import Counting, Cycles
@@ -51,10 +50,9 @@ class Judge:
         self.names, self.card, self.config = tuple(names), model.card, config
         check_names(self.card, self.names)
         self.period_s = self.card.period_ns * 1e-9
-        self.hypotheses = bank.build(config.response)
         self.rules = rules.loaded(config.rules.active)
         self.inputs = [self.names.index(name) for name in self.card.input_names]
-        self._segments = Segments(model, self.hypotheses, self.inputs, self.period_s, rows)
+        self._segments = Segments(model, config.response, self.inputs, self.period_s, rows)
 
     def push(
         self, monitors: Sequence["SensorMonitor"], blocks: Sequence[SampleBlock]
@@ -97,21 +95,14 @@ class SensorMonitor:
             is_expected=is_live or bool(store.counts.sensor_heard),
         )
         self.catalyst = CatalystMonitor(config, names, period_s)
-        n_samples, n_hypotheses = config.window.n_samples, len(judge.hypotheses)
-        self.windows = Windows(n_samples, n_hypotheses)
+        n_samples = config.window.n_samples
+        self.windows = Windows(n_samples)
         # an edge of a fuel cut takes one to two seconds, and a cut is soon over
-        self._cut_windows = Windows(n_samples // 2, n_hypotheses, is_cut=True)
+        self._cut_windows = Windows(n_samples // 2, is_cut=True)
         self._run: RunState | None = None
         if judge.rules:
             store.admit()
-        decide = partial(
-            Decisions,
-            config=config,
-            card=card,
-            hypotheses=judge.hypotheses,
-            store=store,
-            rules=judge.rules,
-        )
+        decide = partial(Decisions, config=config, card=card, store=store, rules=judge.rules)
         self._conclusions = Conclusions(names, limits, store, decide)
         self._clearings = store.clearings
         self.samples = self.enabled_samples = 0

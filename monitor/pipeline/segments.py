@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.judge.residual import oriented
-from monitor.judge.response.bank import Bank, BankState, Hypothesis, Spans, phases
+from monitor.judge.response.bank import Bank, BankState, phases
 from monitor.judge.window import Span, Windows
 from monitor.model.step import Float32Array, Model
 from monitor.pipeline.conclusions import Findings
@@ -78,14 +79,14 @@ class Segments:
     def __init__(
         self,
         model: Model,
-        hypotheses: tuple[Hypothesis, ...],
+        config: ResponseConfig,
         inputs: Sequence[int],
         period_s: float,
         rows: int,
     ) -> None:
         self._models = {1: model.with_batch(1)}
         self._card, self._inputs, self._n_rows = model.card, np.array(inputs), rows
-        self._bank = Bank(hypotheses, period_s)
+        self._bank = Bank(config, period_s)
 
     def run(self, parts: Sequence[Part]) -> None:
         """Fill in the predictions of parts, and the bank's readings where windows need them."""
@@ -107,7 +108,7 @@ class Segments:
         lengths = [row.end - row.begin for row in rows]
         predicted, states = self._predict(rows, lengths)
         begins: list[BankState] = []
-        spans, targets = Spans([], [], []), list[list[Span]]()
+        spans, targets = list[tuple[int, int, int]](), list[list[Span]]()
         values = oriented(predicted, self._card.transform)
         for i, (row, value) in enumerate(zip(rows, values[:, 0].tolist(), strict=True)):
             part, inside = row.part, slice(row.begin, row.end)
@@ -115,15 +116,11 @@ class Segments:
             begins.append(row.state.bank if row.state else self._bank.begin(value))
             usable = own == own  # noqa: PLR0124
             for target, begin, end in row.spans(usable):
-                spans.row.append(i)
-                spans.begin.append(begin)
-                spans.end.append(end)
+                spans.append((i, begin, end))
                 targets.append(target)
         read, ends = self._bank.push(values, lengths, begins, spans)
-        at = 0
-        for i, begin, end, target in zip(*spans, targets, strict=True):
-            first = rows[i].begin
-            target.append(Span(first + begin, first + end, read[at : (at := at + end - begin)]))
+        for target, own, (i, begin, end) in zip(targets, read, spans, strict=True):
+            target.append(Span(rows[i].begin + begin, rows[i].begin + end, own))
         for i, row in enumerate(rows):
             if row.is_last:
                 row.part.end = RunState(states[i], ends[i])

@@ -150,12 +150,12 @@ def with_limits(card: ModelCard, unseen: Unseen, origin: str, config: Config) ->
     """
     recordings = [drive for _, drives in unseen for drive in drives]
     judged = [
-        each.windows
+        each
         for model, drives in unseen
         for each in judge_recordings(drives, model, NO_LIMITS, config)
     ]
-    limits = limits_of(judged, card, config, origin, recordings)
+    limits = limits_of([each.windows for each in judged], card, config, origin, recordings)
     card = replace(card, limits=limits, trust={})  # counted with other limits
-    response = response_limits(unseen, Limits.from_card(card, config, origin), config)
+    response = response_limits(judged, card, Limits.from_card(card, config, origin), config)
     still = still_limits(recordings, card, config)
     return replace(card, limits={**limits, **response, **still})

@@ -19,7 +19,6 @@ from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Change, CutJudged, Facts, RuleOff, WindowJudged
 from monitor.judge.limits import Limits
-from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.estimates import WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import EDGES, Response
@@ -48,13 +47,12 @@ class Decisions:
         limits: Limits,
         config: Config,
         card: ModelCard,
-        hypotheses: tuple[Hypothesis, ...],
         store: DtcStore,
         rules: Mapping[str, RuleClass],
     ) -> None:
         self.store, self._limits, self._config = store, limits, config
         self._transform = card.transform
-        self.facts = WindowFacts(limits, config, card, hypotheses)
+        self.facts = WindowFacts(limits, config, card)
         self._may_be_dead = False
         # a drive has one fuel; the offsets of other outputs have no known bound
         step_most = config.bias.fuel_span_lambda if card.transform == "phi" else math.inf

@@ -13,7 +13,6 @@ from monitor.base.types import FloatArray
 from monitor.judge.findings import Evidence, Facts
 from monitor.judge.limits import Limits
 from monitor.judge.residual import lambda_of, means_and_stds
-from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.movement import MovementRule
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.window import Window
@@ -26,22 +25,14 @@ LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken o
 class WindowFacts:
     """The facts of one driving cycle's windows, and the evidence that they sum up to."""
 
-    def __init__(
-        self, limits: Limits, config: Config, card: ModelCard, hypotheses: tuple[Hypothesis, ...]
-    ) -> None:
+    def __init__(self, limits: Limits, config: Config, card: ModelCard) -> None:
         self._transform, period_s = card.transform, card.period_ns * 1e-9
         self._range_end = end = card.output.maximum
         self._end = end if limits.still_end_s else math.inf  # where a healthy reading stands still
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
-        self.response = ResponseRule(
-            config=config.response,
-            bank=hypotheses,
-            errors=limits.errors,
-            period_s=period_s,
-            untested=limits.trust.untested,
-        )
+        self.response = ResponseRule(config.response, limits, period_s)
         self._n_cuts = 0  # windows around fuel cuts
         self._movement = MovementRule(config, limits, period_s)
 

@@ -7,26 +7,10 @@ from typing import Final
 
 from monitor.base.config import ResponseConfig
 from monitor.base.faults import TRANSIENT_GAIN
-from monitor.judge.response.bank import Hypothesis
+from monitor.judge.response.bank import Hypothesis, build
 
 # a slow sensor with at least this gain is only slow, with less it is weak, too
 SLOW_LEAST: Final = math.sqrt(TRANSIENT_GAIN)
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorModel:
-    """How readings of healthy sensors are apart from a model's prediction, both like phi."""
-
-    std: float  # of the residual within windows, a first-order process
-    memory: float  # correlation of neighbouring samples, 0 to below 1
-    gain: float = 1.0  # amplitude of the reading over that of the prediction
-    evidence: float = 1.0  # weight of what the edges say of a lag or dead time
-    evidence_gain: float = 1.0  # weight of what the amplitude says of the gain
-
-    @property
-    def innovation_var(self) -> float:
-        """Return the variance of the new part of each sample."""
-        return self.std**2 * (1.0 - self.memory**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +25,14 @@ class SensorClaim:
 
 
 @cache
-def claims(config: ResponseConfig, bank: tuple[Hypothesis, ...]) -> tuple[SensorClaim, ...]:
+def claims(config: ResponseConfig) -> tuple[SensorClaim, ...]:
     """Return every claim about the sensor, that of a sound and punctual one first."""
     least, top = config.gain_least, config.gain_max
     found = []
     # a sensor quicker than the training vehicle's; without it a dead time of one period of a
     # steady modulation explains such a sensor better than none
     quick = Hypothesis("", "healthy", "symmetric", 0.0, False)
-    for column, each in enumerate((*bank, quick)):
+    for column, each in enumerate((*build(config), quick)):
         if not each.beyond_limit:
             found.append(SensorClaim(column, each, config.gain_sound_min, top, ""))
             found.append(SensorClaim(column, each, least, config.gain_weak_max, "gain_low"))

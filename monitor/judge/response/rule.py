@@ -16,7 +16,7 @@ of the prediction dilute a slope; they do not dilute an amplitude).
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -24,9 +24,10 @@ import numpy as np
 
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
+from monitor.judge.limits import Limits
 from monitor.judge.residual import means_and_stds, whitened
 from monitor.judge.response.bank import Hypothesis
-from monitor.judge.response.claims import ErrorModel, claims
+from monitor.judge.response.claims import claims
 from monitor.judge.response.estimates import Estimates
 from monitor.judge.window import Opinion, Outcome
 
@@ -74,21 +75,15 @@ class ResponseRule:
     predicts some step early or late, which then looks like a delay. As it may be late by
     ``timing_s``, a sensor is called sound only if it were so that much slower, too.
 
-    errors : of the model; the gains of the claims are relative to its gain
-    untested : faults that the model cannot exclude, so that a sensor may be sound without it
+    limits : how the model errs; the gains of the claims are relative to its gain, and a sensor may
+        be sound without the faults that the model cannot exclude
     """
 
-    def __init__(
-        self,
-        config: ResponseConfig,
-        bank: tuple[Hypothesis, ...],
-        errors: ErrorModel,
-        period_s: float,
-        untested: Collection[str] = (),
-    ) -> None:
-        self._config, self._errors = config, errors
-        self._least_var = config.noise_least * errors.innovation_var
-        self.claims, self._n_columns = claims(config, bank), len(bank)
+    def __init__(self, config: ResponseConfig, limits: Limits, period_s: float) -> None:
+        self._config, self._limits = config, limits
+        self._least_var = config.noise_least * limits.innovation_var
+        self.claims = claims(config)
+        self._n_columns = self.claims[-1].column
         self._columns = np.array([c.column for c in self.claims])
         self._gain_low = np.array([c.gain_low for c in self.claims])
         self._gain_high = np.array([c.gain_high for c in self.claims])
@@ -97,7 +92,7 @@ class ResponseRule:
         self._surely = np.flatnonzero((names == "") & ~near)
         self._barely = np.flatnonzero((names == "") & near)
         self._faults = np.flatnonzero(names != "")
-        self._tested = np.flatnonzero((names != "") & ~np.isin(names, [*untested]))
+        self._tested = np.flatnonzero((names != "") & ~np.isin(names, limits.trust.untested))
         times = np.array([_times(c.hypothesis) for c in self.claims]).T
         self._moments = np.vstack((times, times**2))
         self._lead = config.lead_s / period_s
@@ -168,8 +163,8 @@ class ResponseRule:
             for each, bank in zip(x, some, strict=True):
                 each[:, :-1] = bank[:m]
                 each[:, -1] = self._quicker(bank[:, 0], m)
-            y = whitened(measured[part, :m], self._errors.memory)
-            x = whitened(x, self._errors.memory)
+            y = whitened(measured[part, :m], self._limits.noise_memory)
+            x = whitened(x, self._limits.noise_memory)
             np.einsum("wij,wij->wj", x, x, out=sxx[part])
             sxy[part] = (y[:, np.newaxis] @ x)[:, 0]
             syy[part] = np.einsum("wi,wi->w", y, y)
@@ -182,24 +177,24 @@ class ResponseRule:
         A window's amplitude says less of a claim the further it is from the claim's gains: the
         logarithm of its square has a Laplace distribution, whose scale is the weight's inverse.
         """
-        errors = self._errors
-        predicted, product = errors.gain**2 * moments.sxx, errors.gain * moments.sxy
+        gain, new_var = self._limits.gain_expected, self._limits.innovation_var
+        predicted, product = gain**2 * moments.sxx, gain * moments.sxy
         timing = np.empty((len(predicted), len(self.claims)))
         for each, *own in zip(timing, predicted, product, moments.syy, moments.n, strict=True):
             each[:] = self._timing(*own)
-        sound = predicted + errors.innovation_var
+        sound = predicted + new_var
         measured = np.log(moments.syy + self._least_var)[:, np.newaxis]
         least, most = (
-            np.log(gain**2 * predicted[:, self._columns] + errors.innovation_var)
-            for gain in (self._gain_low, self._gain_high)
+            np.log(gains**2 * predicted[:, self._columns] + new_var)
+            for gains in (self._gain_low, self._gain_high)
         )
         beyond = np.maximum(least - measured, 0.0) + np.maximum(measured - most, 0.0)
         return Said(timing, -beyond, measured - np.log(sound), predicted / sound)
 
     def weighted(self, said: Said) -> FloatArray:
         """Return what windows add to the claims' evidence, (w, n_claims), the best claim's 0."""
-        log_likelihood = self._errors.evidence * said.timing
-        log_likelihood += self._errors.evidence_gain * said.gain
+        log_likelihood = self._limits.evidence * said.timing
+        log_likelihood += self._limits.evidence_gain * said.gain
         log_likelihood -= log_likelihood.max(axis=1, keepdims=True)
         return np.asarray(np.maximum(log_likelihood, -self._config.evidence_window))
 
@@ -306,8 +301,8 @@ class ResponseRule:
             return None, None
         share, least = square / moved, self._config.gain_least
         relative = (math.exp(ratio / moved) - 1.0 + share) / share
-        gain = self._errors.gain * math.sqrt(max(relative, least**2))
-        return gain, gain * math.sqrt(0.5 / moved) / self._errors.evidence_gain
+        gain = self._limits.gain_expected * math.sqrt(max(relative, least**2))
+        return gain, gain * math.sqrt(0.5 / moved) / self._limits.evidence_gain
 
 
 _TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)

@@ -202,7 +202,7 @@ BANK = build(config.load().response)
 
 
 def bank_of(phi: list[float], period_s: float = PERIOD_S) -> np.ndarray:
-    return readings(BANK, period_s, np.array(phi))
+    return readings(config.load().response, period_s, np.array(phi))
 
 
 def test_the_bank_holds_every_lag_and_dead_time_on_each_edge() -> None:

@@ -13,7 +13,6 @@ from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.electrical.suite import RETURNS
 from monitor.judge.findings import DtcChanged, Facts
 from monitor.judge.limits import Limits
-from monitor.judge.response.bank import build
 from monitor.judge.response.estimates import Estimates
 from monitor.judge.response.movement import DEAD, Moved
 from monitor.judge.response.rule import Response
@@ -33,7 +32,7 @@ def decisions(setup: Setup, trust: Trust | None = None) -> Decisions:
     store.start_driving_cycle()
     limits = Limits.from_card(card, SETTINGS, "shipped")
     limits = replace(limits, trust=trust or limits.trust)
-    return Decisions(limits, SETTINGS, card, build(SETTINGS.response), store, {})
+    return Decisions(limits, SETTINGS, card, store, {})
 
 
 def facts(

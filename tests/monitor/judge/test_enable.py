@@ -325,7 +325,7 @@ def fill(
     enabled: list[bool], n_samples: int, sizes: list[int] | None = None
 ) -> tuple[list[Window], Windows]:
     """Return the windows of a segment whose blocks have these sizes, the last of any size."""
-    subject, windows, at = Windows(n_samples, 2), [], 0
+    subject, windows, at = Windows(n_samples), [], 0
     for size in [*(sizes or ()), len(enabled)]:
         usable = np.array(enabled[at : at + size], dtype=np.bool_)
         k = np.arange(at, at + len(usable))

@@ -20,9 +20,10 @@ from scipy.signal import lfilter
 
 from monitor.base import config
 from monitor.base.types import FloatArray
+from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.response.bank import DIRECTIONS, build
-from monitor.judge.response.claims import ErrorModel
 from monitor.judge.response.rule import Response, ResponseRule
+from monitor.judge.trust import Trust
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
 from tests.helpers.models.bank import readings
@@ -132,26 +133,26 @@ def drive(sensor: Sensor, seed: int, duration_s: float = 200.0) -> tuple[FloatAr
 
 
 @cache
-def errors() -> ErrorModel:
+def errors() -> Limits:
     """How the model errs on a healthy drive, as it is taken for the card."""
     measured, predicted = drive(healthy, 1000)
     windows = (measured - predicted).reshape(-1, WINDOW)
     windows -= windows.mean(axis=1, keepdims=True)
     memory = (windows[:, 1:] * windows[:, :-1]).sum() / (windows**2).sum()
-    plain = ErrorModel(float(windows.std()), float(memory))
-    moments = ResponseRule(CONFIG, BANK, plain, PERIOD_S).regressed(*cut(measured, predicted))
+    plain = replace(NO_LIMITS, noise=float(windows.std()), noise_memory=float(memory))
+    moments = ResponseRule(CONFIG, plain, PERIOD_S).regressed(*cut(measured, predicted))
     gain = healthy_gain([moments], plain, CONFIG.noise_least)
-    return replace(plain, gain=gain, evidence=0.75, evidence_gain=4.0)
+    return replace(plain, gain_model=gain, evidence=0.75, evidence_gain=4.0)
 
 
 def new_rule(gain: float = 1.0, untested: Sequence[str] = ()) -> ResponseRule:
-    own = replace(errors(), gain=gain * errors().gain)
-    return ResponseRule(CONFIG, BANK, own, PERIOD_S, untested)
+    trust = Trust(1, dict.fromkeys(untested, 0))
+    return ResponseRule(CONFIG, replace(errors(), gain=gain, trust=trust), PERIOD_S)
 
 
 def cut(measured: FloatArray, predicted: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     """Measurement and bank in windows."""
-    rows = readings(BANK, PERIOD_S, predicted)
+    rows = readings(CONFIG, PERIOD_S, predicted)
     starts = range(0, len(measured) - WINDOW + 1, WINDOW)
     windows = np.array([measured[i : i + WINDOW] for i in starts])
     return windows, [rows[i : i + WINDOW] for i in starts]
@@ -168,7 +169,7 @@ def verdicts(sensor: Sensor, seed: int) -> list[Response]:
 
 def test_the_judged_signals_are_no_easier_than_the_prototypes() -> None:
     measured, predicted = drive(healthy, 1001)
-    assert 0.003 < errors().std < 0.01
+    assert 0.003 < errors().noise < 0.01
     assert np.corrcoef(measured, predicted)[0, 1] < 0.985
 
 
@@ -271,7 +272,7 @@ def test_a_mixture_that_hardly_moves_decides_nothing() -> None:
     measured, predicted = drive(slow("symmetric", 2.0), 1)
     rng = np.random.default_rng(2)
     still = 1.0 + (predicted - 1.0) * 0.01
-    read = 1.0 + (measured - 1.0) * 0.01 + rng.normal(0.0, errors().std, len(measured))
+    read = 1.0 + (measured - 1.0) * 0.01 + rng.normal(0.0, errors().noise, len(measured))
     # WHEN the windows are judged
     found = judge(read, still, new_rule())
     # THEN none is decided
@@ -283,8 +284,8 @@ def test_windows_that_say_little_decide_together() -> None:
     measured, predicted = drive(late("symmetric", 0.6), 1, 1000.0)
     rng = np.random.default_rng(2)
     read = measured + rng.normal(0.0, 0.06, len(measured))
-    noisy = replace(errors(), std=math.hypot(0.06, errors().std), memory=0.0)
-    rule = ResponseRule(CONFIG, BANK, noisy, PERIOD_S)
+    noisy = replace(errors(), noise=math.hypot(0.06, errors().noise), noise_memory=0.0)
+    rule = ResponseRule(CONFIG, noisy, PERIOD_S)
     found = judge(read, predicted, rule)
     assert {v.outcome for v in found[:2]} == {"inconclusive"}
     assert found[-1].fault == "delay_symmetric"
@@ -296,7 +297,8 @@ def test_a_small_step_that_fits_a_weak_sensor_by_chance_says_little() -> None:
     measured = 1.0 + 0.5 * (predicted - 1.0)
 
     def evidence(noise_std: float) -> float:
-        rule = ResponseRule(CONFIG, BANK, ErrorModel(noise_std, 0.0, evidence_gain=10.0), PERIOD_S)
+        own = replace(NO_LIMITS, noise=noise_std, evidence=1.0, evidence_gain=10.0)
+        rule = ResponseRule(CONFIG, own, PERIOD_S)
         return judge(measured, predicted, rule)[-1].statistics.evidence
 
     # THEN a model that errs by less is believed, and one that errs by more is not
@@ -365,7 +367,8 @@ def test_a_fault_that_the_model_cannot_find_keeps_no_other_test_from_its_verdict
     # GIVEN a model on whose amplitudes nothing can be built
     vague = replace(errors(), evidence_gain=0.01)
     rule, resigned = (
-        ResponseRule(CONFIG, BANK, vague, PERIOD_S, untested) for untested in ((), ("gain_low",))
+        ResponseRule(CONFIG, replace(vague, trust=trust), PERIOD_S)
+        for trust in (Trust(), Trust(1, {"gain_low": 0}))
     )
     # WHEN a sensor between sound and weak is judged
     measured, predicted = drive(weak(0.68), 13)

@@ -15,7 +15,7 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge import enable
 from monitor.judge.limits import Limits
-from monitor.judge.response.bank import Bank, Spans, build
+from monitor.judge.response.bank import Bank
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -192,20 +192,19 @@ def test_the_bank_reads_alike_for_one_signal_and_for_many_and_in_blocks(
     rng = np.random.default_rng(seed)
     values = 1.0 + 0.1 * np.sin(np.cumsum(rng.normal(0.0, 0.5, (len(lengths), lengths[0])), axis=1))
     values[rng.random(values.shape) < 0.2] = 1.0  # also stretches without a change
-    bank = Bank(build(SHIPPED.response), period_s)
+    bank = Bank(SHIPPED.response, period_s)
     states = [bank.begin(value) for value in values[:, 0].tolist()]
     begin = [int(rng.integers(0, length)) for length in lengths]
     end = [int(rng.integers(a, length + 1)) for a, length in zip(begin, lengths, strict=True)]
-    rows = list(range(len(lengths)))
-    read, ends = bank.push(values, lengths, states, Spans(rows, begin, end))
-    at = np.cumsum([0, *(b - a for a, b in zip(begin, end, strict=True))])
+    spans = [(row, a, b) for row, (a, b) in enumerate(zip(begin, end, strict=True))]
+    read, ends = bank.push(values, lengths, states, spans)
     for i, length in enumerate(lengths):
         state, alone = states[i], []
         for a, b in pairwise([0, *sorted(k for k in set(cuts) if k < length), length]):
             part = values[i : i + 1, a:b]
-            found, (state,) = bank.push(part, [b - a], [state], Spans([0], [0], [b - a]))
-            alone.append(found)
+            found, (state,) = bank.push(part, [b - a], [state], [(0, 0, b - a)])
+            alone += found
         expected = np.concatenate(alone)
-        np.testing.assert_array_equal(read[at[i] : at[i + 1]], expected[begin[i] : end[i]])
+        np.testing.assert_array_equal(read[i], expected[begin[i] : end[i]])
         np.testing.assert_array_equal(state.lags, ends[i].lags)
         np.testing.assert_array_equal(state.past, ends[i].past)

@@ -6,15 +6,23 @@ import numpy as np
 import pytest
 
 from monitor.base import config
-from monitor.judge.limits import Limits
+from monitor.judge.limits import NO_LIMITS, Limits
+from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.replay import set_up, shipped_model
+from training.limits.judging import judge_recordings
 from training.limits.response import response_limits as rules
-from training.recordings.recording import load
+from training.recordings.recording import Recording, load
 
 LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"
 CONFIG = config.load()
 LIMITS: Limits = set_up(None, (), CONFIG).limits
+MODEL = Model.load(shipped_model())
+
+
+def limits_of(drives: list[Recording], own: Limits = LIMITS) -> dict[str, Limit]:
+    judged = judge_recordings(drives, MODEL, NO_LIMITS, CONFIG)
+    return rules.response_limits(judged, MODEL.card, own, CONFIG)
 
 
 def test_a_bet_on_a_fault_does_not_win_on_healthy_drives() -> None:
@@ -35,26 +43,26 @@ def test_a_bet_on_a_fault_does_not_win_on_healthy_drives() -> None:
 
 def test_drives_that_the_model_follows_badly_lower_the_weight() -> None:
     # GIVEN a healthy drive that the model follows well, and one with an injector that nobody knows
-    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    drive = load(LOG, period_s=0.1)
     values = drive.values.copy()
     fuel = values[:, drive.names.index("fuel_mass_mg")]
     fuel *= 1.0 + 0.2 * np.sin(np.arange(len(fuel)) / 10.0)
     strange = replace(drive, values=values)
     # WHEN limits are set by the first alone, and by both
-    followed = rules.response_limits([(model, [drive])], LIMITS, CONFIG)
-    both = rules.response_limits([(model, [drive]), (model, [strange])], LIMITS, CONFIG)
+    followed = limits_of([drive])
+    both = limits_of([drive, strange])
     # THEN evidence counts for less
     assert both["evidence"].value < followed["evidence"].value
 
 
 def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
     # GIVEN a drive, and three that are over before the engine is warm
-    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    drive = load(LOG, period_s=0.1)
     n = 100
     short = replace(drive, t_s=drive.t_s[:n], values=drive.values[:n], quality=drive.quality[:n])
     # WHEN the limits are set THEN they are those of the drive alone
-    alone = rules.response_limits([(model, [drive])], LIMITS, CONFIG)
-    beside = rules.response_limits([(model, [drive, short, short, short])], LIMITS, CONFIG)
+    alone = limits_of([drive])
+    beside = limits_of([drive, short, short, short])
     assert {name: each.value for name, each in beside.items()} == {
         name: each.value for name, each in alone.items()
     }
@@ -62,10 +70,7 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
 
 def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
     # GIVEN a card that an earlier calibration gave little weight and long stillness
-    model, drive = Model.load(shipped_model()), load(LOG, period_s=0.1)
+    drive = load(LOG, period_s=0.1)
     earlier = replace(LIMITS, evidence=0.1, still_s=100.0, still_end_s=100.0)
     # WHEN its limits are set anew THEN they are those of a card without any
-    found = [
-        rules.response_limits([(model, [drive] * 2)], own, CONFIG) for own in (earlier, LIMITS)
-    ]
-    assert found[0] == found[1]
+    assert limits_of([drive] * 2, earlier) == limits_of([drive] * 2)

@@ -14,20 +14,18 @@ from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.decision.window_facts import phi_of
 from monitor.judge.limits import Limits
-from monitor.judge.response.bank import build
-from monitor.judge.response.claims import ErrorModel
 from monitor.judge.response.rule import Moments, ResponseRule
 from monitor.judge.window import Window
-from monitor.model.card import Limit
-from training.limits.judging import judge_recordings
+from monitor.model.card import Limit, ModelCard
 from training.limits.side_by_side import Judged
-from training.narx.model_file import Unseen
 
 LEAST_EVIDENCE: Final = 1e-3  # with less the response rule decides nothing within a day
 GAIN_MOST: Final = 10.0  # of a model that follows its vehicle, and its inverse
 
 
-def response_limits(unseen: Unseen, limits: Limits, config: Config) -> dict[str, Limit]:
+def response_limits(
+    healthy: Sequence[Judged], card: ModelCard, limits: Limits, config: Config
+) -> dict[str, Limit]:
     """Return how models err on drives that they have not seen.
 
     A model's errors look like a weak or late sensor: evidence counts for so much that it speaks for
@@ -35,20 +33,16 @@ def response_limits(unseen: Unseen, limits: Limits, config: Config) -> dict[str,
 
     limits : of the windows; what an earlier calibration says of the response does not count
     """
-    own, plain = config.response, replace(limits, still_s=0.0, still_end_s=0.0)
-
-    def rule(errors: ErrorModel) -> ResponseRule:
-        return ResponseRule(own, build(own), errors, unseen[0][0].card.period_ns / 1e9)
-
-    errors = ErrorModel(limits.noise, limits.noise_memory)
+    own, period_s = config.response, card.period_ns / 1e9
+    rule = ResponseRule(own, limits, period_s)
     drives = [
-        _moments(windows, rule(errors), model.card.transform)
-        for model, healthy in unseen
-        for judged in judge_recordings(healthy, model, plain, config)
+        _moments(windows, rule, card.transform)
+        for judged in healthy
         if (windows := _moving(judged, config.plausibility.stuck_range))
     ]
-    gain = healthy_gain(drives, errors, own.noise_least)
-    steps = [_steps(moments, rule(replace(errors, gain=gain))) for moments in drives]
+    gain = healthy_gain(drives, limits, own.noise_least)
+    plain = replace(limits, gain_model=gain, evidence=1.0, evidence_gain=1.0)
+    steps = [_steps(moments, ResponseRule(own, plain, period_s)) for moments in drives]
     late, weak = ([each[part] for each in steps] for part in (0, 1))
     still = 2.0 * math.log(own.gain_sound_min / own.gain_least)
     where = f"{len(drives)} healthy recordings"
@@ -79,14 +73,12 @@ def weight_of(drives: Sequence[FloatArray], most: float) -> float:
         return float(np.exp(weight * steps).mean()) - 1.0
 
     certain = np.log(len(steps)) / most  # with which the imagined window alone wins
-    return (
-        float(brentq(wins, LEAST_EVIDENCE, certain))
-        if wins(LEAST_EVIDENCE) < 0.0
-        else LEAST_EVIDENCE
-    )
+    if not wins(LEAST_EVIDENCE) < 0.0:
+        return LEAST_EVIDENCE
+    return float(brentq(wins, LEAST_EVIDENCE, certain))
 
 
-def healthy_gain(drives: Sequence[Moments], errors: ErrorModel, noise_least: float) -> float:
+def healthy_gain(drives: Sequence[Moments], limits: Limits, noise_least: float) -> float:
     """Return the amplitude of healthy readings over the prediction's: that of the median window.
 
     Windows count by how much of the reading's variance the prediction gives.
@@ -95,11 +87,11 @@ def healthy_gain(drives: Sequence[Moments], errors: ErrorModel, noise_least: flo
         return 1.0
     predicted = np.concatenate([moments.sxx[:, 0] for moments in drives])
     measured = np.concatenate([moments.syy for moments in drives])
-    measured += noise_least * errors.innovation_var
+    measured += noise_least * limits.innovation_var
 
     def median(log_gain: float) -> float:
         moved = np.exp(2.0 * log_gain) * predicted
-        whole = moved + errors.innovation_var
+        whole = moved + limits.innovation_var
         ratio = np.log(measured / whole)
         order = np.argsort(ratio)
         total = np.cumsum((moved / whole)[order])
