@@ -9,14 +9,6 @@ import numpy as np
 from monitor.base.types import FloatArray
 
 
-def means_and_stds(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of windows, (w, n), bit for bit as numpy's own."""
-    n = residual.shape[1]
-    mean = np.add.reduce(residual, axis=1) / n
-    centred = residual - mean[:, np.newaxis]
-    return mean, np.sqrt(np.add.reduce(centred * centred, axis=1) / n)
-
-
 def oriented(values: FloatArray, transform: str) -> FloatArray:
     """Return values oriented like phi; NaN where lambda is not above zero.
 
@@ -39,5 +31,5 @@ def whitened(x: FloatArray, memory: float) -> FloatArray:
     memory : correlation of neighbouring samples
     """
     new: FloatArray = x[:, 1:] - memory * x[:, :-1]
-    new -= (np.add.reduce(new, axis=1) / new.shape[1])[:, np.newaxis]
+    new -= new.mean(axis=1, keepdims=True)
     return new

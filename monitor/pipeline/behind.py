@@ -77,11 +77,10 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
     running = (np.cumsum(runs) * runs).tolist()
     for k, sample in enumerate(zip(at[VOLTAGE].tolist(), x.tolist(), running, strict=True)):
         volts, lean, run = sample
-        for _, fault in circuit.push(
+        for test, found in circuit.push(
             volts=volts, x=lean, air_g_s=0.0, running=run, duty_percent=math.nan
         ):
-            t_ns = block.t_ns.item(k)
-            changes = counters.mature(CIRCUIT, failed=bool(fault), fault=fault, t_ns=t_ns)
+            changes = counters.take(test, found, block.t_ns.item(k), at_once=True)
             list(frozen(changes, store, list(at), block.values[k]))
 
 
@@ -97,8 +96,8 @@ def _follow(table: Table, activity: RearActivity, store: DtcStore, config: Confi
         claim = activity.claim()
         if claim.outcome in (before, "inconclusive"):
             continue
-        before, failed, fault = claim.outcome, claim.outcome == "failed", claim.fault or ""
-        changes = counters.mature(CATALYST_TEST, failed=failed, fault=fault, t_ns=t_ns)
+        before = claim.outcome
+        changes = counters.take(CATALYST_TEST, claim, t_ns, at_once=True)
         list(frozen(changes, store, table.names, table.values[k]))
 
 

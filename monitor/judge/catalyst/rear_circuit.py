@@ -18,6 +18,7 @@ from typing import Final
 
 from monitor.base.config import Config
 from monitor.judge.catalyst.bank import MID_V, OXYGEN_IN_AIR
+from monitor.judge.window import Opinion
 
 CIRCUIT: Final = "downstream_circuit"
 HEATER: Final = "downstream_heater"
@@ -58,8 +59,8 @@ class RearCircuit:
 
     def push(
         self, *, volts: float, x: float, air_g_s: float, running: int, duty_percent: float
-    ) -> list[tuple[str, str]]:
-        """Take the next sample; return the tests that it decides, each with its fault or "".
+    ) -> list[tuple[str, Opinion]]:
+        """Take the next sample; return the tests that it decides, each with the finding.
 
         volts, x (1 - 1/lambda upstream), air_g_s, duty_percent : nan where unknown
         running : samples so far with the engine running, this one included; 0 while it stands
@@ -73,7 +74,7 @@ class RearCircuit:
         for test, fault in self._decided(run_s):
             if self._said.get(test) != fault:
                 self._said[test] = fault  # a heater that failed tells of the circuit
-                found.append((test, fault))
+                found.append((test, Opinion("failed" if fault else "passed", fault or None)))
         return found
 
     def _hold(self, what: str, goes_on: bool, counts: bool = True) -> None:

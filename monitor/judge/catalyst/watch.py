@@ -17,7 +17,8 @@ from monitor.base.config import CatalystConfig, Config
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.catalyst.bank import LEAK, switching_volts
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, RearCircuit
-from monitor.judge.catalyst.rule import CatalystRule, Claim
+from monitor.judge.catalyst.rule import CatalystRule
+from monitor.judge.window import Opinion
 from monitor.memory.obd_records import TestResult
 
 VOLTAGE: Final = "downstream_voltage_v"
@@ -35,12 +36,12 @@ class BehindResult(NamedTuple):
 
     at: int
     test: str  # "catalyst", "downstream", "balance", "bias" or one of circuit and heater
-    claim: Claim
+    claim: Opinion
     capacity_g: float | None = None  # estimate so far
     results: tuple[TestResult, ...] = ()  # for service $06
 
 
-def balance_results(at: int, claim: Claim) -> Iterator[BehindResult]:
+def balance_results(at: int, claim: Opinion) -> Iterator[BehindResult]:
     """Yield the meanings of an upstream reading against the balance.
 
     The ECU follows the upstream sensor: where it reads lean the mixture is rich, and the reverse.
@@ -146,15 +147,14 @@ class CatalystMonitor:
             held = self._last = [new if math.isfinite(new) else old for new, old in pairs]
         if self.rule is None:
             return
-        for test, fault in self.circuit.push(
+        for test, found in self.circuit.push(
             volts=math.nan if self._is_wide else volts,
             x=_x_of(upstream[0]),
             air_g_s=upstream[1] / KG_H_PER_G_S,
             running=self._running if runs else 0,
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
-            claim = Claim("failed" if fault else "passed", fault or None)
-            yield BehindResult(k, test, claim, results=self._wake())
+            yield BehindResult(k, test, found, results=self._wake())
         is_bridged = self._missing <= self._n_hold and all(map(math.isfinite, held))
         if not (is_complete or is_bridged):
             if not self._is_lost:

@@ -12,7 +12,6 @@ from monitor.base.config import Config
 from monitor.base.foreign import ForeignError, returned
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER
-from monitor.judge.catalyst.rule import Claim
 from monitor.judge.counters import Counters
 from monitor.judge.decision.plugins import RuleClass, opinion
 from monitor.judge.decision.window_facts import WindowFacts
@@ -23,7 +22,7 @@ from monitor.judge.response.estimates import WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import EDGES, Response
 from monitor.judge.trust import OF_MODEL
-from monitor.judge.window import Window
+from monitor.judge.window import Opinion, Window
 from monitor.memory.codes import OF_VEHICLE
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.obd_records import TestResult
@@ -91,23 +90,21 @@ class Decisions:
         if not (result.failed and result.fault in self._limits.trust.untold):
             yield from self._counters.electrical(result, t_ns)
 
-    def behind(self, test: str, claim: Claim, t_ns: int) -> Sequence[Change]:
+    def behind(self, test: str, claim: Opinion, t_ns: int) -> Sequence[Change]:
         """Take how the evidence about catalyst, downstream sensor or oxygen balance stands.
 
         A failed balance names the upstream sensor, whatever the bias rule says of it: that rule
         knows no absolute reference.
         """
-        counters, failed, fault = self._counters, claim.outcome == "failed", claim.fault or ""
-        if test in CIRCUIT_TESTS:  # they decide at once
-            return counters.mature(test, failed=failed, fault=fault, t_ns=t_ns)
+        counters, before = self._counters, self._by_balance
         if test != "bias":
-            changed = counters.take(test, claim, t_ns)
+            changed = counters.take(test, claim, t_ns, at_once=test in CIRCUIT_TESTS)
             self._by_balance &= counters.debounce["balance"].failed
             return changed
-        before, self._by_balance = self._by_balance, counters.debounce["balance"].failed
-        if not self._by_balance or (before and counters.named[test] == fault):
+        self._by_balance = counters.debounce["balance"].failed
+        if not self._by_balance or (before and counters.named[test] == claim.fault):
             return ()
-        return counters.mature(test, failed=failed, fault=fault, t_ns=t_ns)
+        return counters.take(test, claim, t_ns, at_once=True)
 
     def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
         """Take a full window; yield its verdict, then the codes that it changes."""

@@ -12,7 +12,7 @@ from monitor.base.config import Config
 from monitor.base.types import FloatArray
 from monitor.judge.findings import Evidence, Facts
 from monitor.judge.limits import Limits
-from monitor.judge.residual import lambda_of, means_and_stds
+from monitor.judge.residual import lambda_of
 from monitor.judge.response.movement import MovementRule
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.window import Window
@@ -74,8 +74,7 @@ class WindowFacts:
         phi, banks = phi_of(windows, self._transform), [window.bank for window in windows]
         healthy = np.array([bank[:, 0] for bank in banks])
         residual = phi - healthy if is_cut else np.array([window.residual for window in windows])
-        mean, std = means_and_stds(residual)
-        low, high = np.minimum.reduce(measured, axis=1), np.maximum.reduce(measured, axis=1)
+        low, high = measured.min(axis=1), measured.max(axis=1)
         ignore = high - low <= self._stuck_range  # it stands still: for the activity test
         responses = self.response.judge(phi, banks, ignore)
         if is_cut:
@@ -86,8 +85,8 @@ class WindowFacts:
             at_end = high >= self._end
             no_evidence, offset = ignore, self._offset(measured, banks, responses)
         moved = self._movement.judge(phi, healthy, ignore | at_end, is_cut=is_cut)
-        own = mean.tolist(), std.tolist(), no_evidence.tolist(), offset.tolist()
-        return list(map(Facts, *own, responses, moved))
+        each = residual.mean(axis=1), residual.std(axis=1), no_evidence, offset
+        return list(map(Facts, *(column.tolist() for column in each), responses, moved))
 
     def _offset(
         self, measured: FloatArray, banks: Sequence[FloatArray], responses: Sequence[Response]

@@ -25,7 +25,7 @@ import numpy as np
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.limits import Limits
-from monitor.judge.residual import means_and_stds, whitened
+from monitor.judge.residual import whitened
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import claims
 from monitor.judge.response.estimates import Estimates
@@ -146,10 +146,15 @@ class ResponseRule:
         banks : w of (n, n_hypotheses) what each hypothesis reads, column 0 the prediction itself
         ignore : (w,)
         """
-        _, excitation = means_and_stds(np.array([bank[:, 0] for bank in banks]))
         places = np.flatnonzero(~ignore)
-        moments = self.regressed(measured[places], [banks[i] for i in places.tolist()])
-        return self._reports(~ignore, excitation, *self._summed(~ignore, self.said(moments)))
+        said = self.said(self.regressed(measured[places], [banks[i] for i in places.tolist()]))
+        rest = zip(self.weighted(said), said.moved, said.ratio, strict=True)
+        found = []
+        for bank, ignored in zip(banks, ignore.tolist(), strict=True):
+            if not ignored:
+                self._add(*next(rest))
+            found.append(self._report(float(bank[:, 0].std()), is_usable=not ignored))
+        return found
 
     def regressed(self, measured: FloatArray, banks: Sequence[FloatArray]) -> Moments:
         """Return the moments of windows, in which nothing is summed; arguments as for ``judge``."""
@@ -216,22 +221,15 @@ class ResponseRule:
         rest: FloatArray = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
         return rest + self._least_var
 
-    def _summed(self, usable: BoolArray, said: Said) -> tuple[FloatArray, FloatArray]:
-        """Return evidence, (w, n_claims), and amplitudes, (w, 3, n_columns), after each window."""
-        evidence = np.empty((len(usable), len(self.claims)))
-        amplitudes = np.empty((len(usable), *self._amplitudes.shape))
-        rest = zip(self.weighted(said), said.moved, said.ratio, strict=True)
-        for now, sums, is_usable in zip(evidence, amplitudes, usable.tolist(), strict=True):
-            if is_usable:
-                added, moved, ratio = next(rest)
-                self._evidence += added
-                # a long healthy time must not outweigh the fault that follows it (Page's test)
-                self._evidence -= self._evidence.max()
-                np.maximum(self._evidence, -self._config.evidence_most, out=self._evidence)
-                self._amplitudes *= self._config.gain_memory
-                self._amplitudes += moved, moved**2, moved * ratio
-            now[:], sums[:] = self._evidence, self._amplitudes
-        return evidence, amplitudes
+    def _add(self, added: FloatArray, moved: FloatArray, ratio: FloatArray) -> None:
+        """Add a window's evidence, (n_claims,), and what it says of amplitudes, (n_columns,)."""
+        self.windows += 1
+        self._evidence += added
+        # a long healthy time must not outweigh the fault that follows it (Page's test)
+        self._evidence -= self._evidence.max()
+        np.maximum(self._evidence, -self._config.evidence_most, out=self._evidence)
+        self._amplitudes *= self._config.gain_memory
+        self._amplitudes += moved, moved**2, moved * ratio
 
     def _quicker(self, now: FloatArray, m: int) -> FloatArray:
         """Return the prediction ``lead_s`` ahead of its time, (m,)."""
@@ -240,60 +238,44 @@ class ResponseRule:
             return now
         return (1.0 - part) * now[self._ahead :] + part * now[self._ahead - 1 : -1]
 
-    def _reports(
-        self,
-        usable: BoolArray,
-        excitation: FloatArray,
-        evidence: FloatArray,
-        amplitudes: FloatArray,
-    ) -> list[Response]:
-        faulty = evidence.take(self._faults, 1)
-        fault = faulty.argmax(axis=1)
-        surely = evidence.take(self._surely, 1).max(axis=1)
-        barely = evidence.take(self._barely, 1).max(axis=1, initial=-np.inf)
-        tested = evidence.take(self._tested, 1).max(axis=1, initial=-np.inf)
-        margin = faulty.max(axis=1) - np.maximum(surely, barely)
-        lead = surely - np.maximum(tested, barely)
-        best = evidence.argmax(axis=1)
-        times = self._estimated_times(evidence)
-        found = []
-        columns = usable.tolist(), margin.tolist(), lead.tolist(), best.tolist()
-        for i, is_usable, gap, sound_gap, own in zip(range(len(evidence)), *columns, strict=True):
-            self.windows += is_usable
-            outcome: Outcome = "inconclusive"
-            name: str | None = None
-            also: tuple[str, ...] = ()
-            likeliest = int(self._faults[fault[i]])
-            if is_usable and gap >= self._config.evidence_fail:
-                outcome, name = "failed", self.claims[likeliest].fault
-                also = self._alike(evidence[i], likeliest)
-            elif is_usable and sound_gap >= self._config.evidence_pass:
-                outcome = "passed"
-            claim = self.claims[own]
-            gain = self._gain(*amplitudes[i, :, claim.column].tolist())
-            hypothesis = claim.fault or "healthy"
-            statistics = Estimates._make((float(excitation[i]), gap, hypothesis, *times[i], *gain))
-            column = claim.column if claim.column < self._n_columns else 0
-            found.append(Response(outcome, name, also, column=column, statistics=statistics))
-        return found
+    def _report(self, excitation: float, *, is_usable: bool) -> Response:
+        """Return the finding on all windows so far, the last of which may have been ignored."""
+        evidence, claims = self._evidence, self.claims
+        fault = int(self._faults[evidence[self._faults].argmax()])
+        surely, barely, tested = (
+            float(evidence[own].max(initial=-math.inf))
+            for own in (self._surely, self._barely, self._tested)
+        )
+        margin = float(evidence[fault]) - max(surely, barely)
+        best = claims[evidence.argmax()]
+        gain = self._gain(*self._amplitudes[:, best.column].tolist())
+        likeliest = best.fault or "healthy"
+        own = excitation, margin, likeliest, *self._estimated_times(), *gain
+        outcome: Outcome = "inconclusive"
+        name, also = None, tuple[str, ...]()
+        if is_usable and margin >= self._config.evidence_fail:
+            outcome, name, also = "failed", claims[fault].fault, self._alike(fault)
+        elif is_usable and surely - max(tested, barely) >= self._config.evidence_pass:
+            outcome = "passed"
+        column = best.column if best.column < self._n_columns else 0
+        return Response(outcome, name, also, column=column, statistics=Estimates._make(own))
 
-    def _alike(self, evidence: FloatArray, best: int) -> tuple[str, ...]:
-        behind = evidence[best] - evidence[self._faults]
+    def _alike(self, best: int) -> tuple[str, ...]:
+        behind = self._evidence[best] - self._evidence[self._faults]
         close = self._faults[behind < self._config.evidence_alike].tolist()
         return tuple(sorted({self.claims[i].fault for i in close} - {self.claims[best].fault}))
 
-    def _estimated_times(self, evidence: FloatArray) -> list[list[float]]:
-        """Return lags and dead times, each with its standard deviation, after each window.
+    def _estimated_times(self) -> list[float]:
+        """Return lags and dead times, each with its standard deviation.
 
         They are means over the claims, weighted by their likelihood (all alike beforehand).
         """
-        weight = np.exp(evidence - evidence.max(axis=1)[:, np.newaxis])
-        weight /= np.add.reduce(weight, axis=1)[:, np.newaxis]
-        found = (self._moments @ weight[:, :, np.newaxis]).reshape(len(evidence), 2, len(_TIMES))
-        mean, square = found[:, 0], found[:, 1]
-        np.sqrt(np.maximum(square - mean**2, 0.0), out=square)
-        rows: list[list[float]] = found.swapaxes(1, 2).reshape(len(evidence), -1).tolist()
-        return rows
+        weight = np.exp(self._evidence - self._evidence.max())
+        weight /= weight.sum()
+        mean, square = (self._moments @ weight[:, np.newaxis]).reshape(2, -1)
+        std = np.sqrt(np.maximum(square - mean**2, 0.0))
+        times: list[float] = np.column_stack((mean, std)).ravel().tolist()
+        return times
 
     def _gain(self, moved: float, square: float, ratio: float) -> tuple[float | None, float | None]:
         """Return the gain with its standard deviation from sums; None before a window moved."""
@@ -305,11 +287,8 @@ class ResponseRule:
         return gain, gain * math.sqrt(0.5 / moved) / self._limits.evidence_gain
 
 
-_TIMES = tuple(f"{what}_{edge}" for what in ("lag", "dead_time") for edge in EDGES)
-
-
 def _times(hypothesis: Hypothesis) -> list[float]:
-    """Return lags and dead times of both edge directions, s, in the order of ``_TIMES``."""
+    """Return lags and dead times of both edge directions, s, in the order of ``Estimates``."""
     return [
         hypothesis.seconds
         if hypothesis.kind == kind and hypothesis.direction in (edge, "symmetric")

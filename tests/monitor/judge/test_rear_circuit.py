@@ -39,7 +39,7 @@ def samples(drive: dict[str, FloatArray]) -> Iterator[dict[str, float]]:
 def decided(drive: dict[str, FloatArray]) -> list[tuple[int, str, str]]:
     circuit = RearCircuit(config.shipped(), PERIOD_S)
     pushed = ((k, circuit.push(**sample)) for k, sample in enumerate(samples(drive)))  # type: ignore[arg-type]
-    return [(k, *each) for k, found in pushed for each in found]
+    return [(k, test, said.fault or "") for k, found in pushed for test, said in found]
 
 
 def test_a_sound_sensor_passes_both_tests() -> None:

@@ -145,9 +145,9 @@ def errors() -> Limits:
     return replace(plain, gain_model=gain, evidence=0.75, evidence_gain=4.0)
 
 
-def new_rule(gain: float = 1.0, untested: Sequence[str] = ()) -> ResponseRule:
-    trust = Trust(1, dict.fromkeys(untested, 0))
-    return ResponseRule(CONFIG, replace(errors(), gain=gain, trust=trust), PERIOD_S)
+def new_rule(untested: Sequence[str] = (), **own: float) -> ResponseRule:
+    limits = replace(errors(), trust=Trust(1, dict.fromkeys(untested, 0)), **own)
+    return ResponseRule(CONFIG, limits, PERIOD_S)
 
 
 def cut(measured: FloatArray, predicted: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
@@ -284,8 +284,7 @@ def test_windows_that_say_little_decide_together() -> None:
     measured, predicted = drive(late("symmetric", 0.6), 1, 1000.0)
     rng = np.random.default_rng(2)
     read = measured + rng.normal(0.0, 0.06, len(measured))
-    noisy = replace(errors(), noise=math.hypot(0.06, errors().noise), noise_memory=0.0)
-    rule = ResponseRule(CONFIG, noisy, PERIOD_S)
+    rule = new_rule(noise=math.hypot(0.06, errors().noise), noise_memory=0.0)
     found = judge(read, predicted, rule)
     assert {v.outcome for v in found[:2]} == {"inconclusive"}
     assert found[-1].fault == "delay_symmetric"
@@ -365,11 +364,7 @@ def test_one_window_says_no_more_than_half_of_what_decides() -> None:
 
 def test_a_fault_that_the_model_cannot_find_keeps_no_other_test_from_its_verdict() -> None:
     # GIVEN a model on whose amplitudes nothing can be built
-    vague = replace(errors(), evidence_gain=0.01)
-    rule, resigned = (
-        ResponseRule(CONFIG, replace(vague, trust=trust), PERIOD_S)
-        for trust in (Trust(), Trust(1, {"gain_low": 0}))
-    )
+    rule, resigned = (new_rule(own, evidence_gain=0.01) for own in ((), ("gain_low",)))
     # WHEN a sensor between sound and weak is judged
     measured, predicted = drive(weak(0.68), 13)
     # THEN it is called sound only where the model is known to find no weak one
@@ -407,10 +402,10 @@ def test_a_manoeuvre_on_which_the_model_errs_turns_no_decision_over() -> None:
 def test_a_vehicle_of_little_gain_is_judged_against_its_own_gain() -> None:
     # GIVEN a vehicle whose healthy sensor follows with 0.86 of the model's amplitude
     # WHEN its sensor weakens to 0.85 of that, which is within specification
-    found = judge(*drive(weak(0.86 * 0.85), 13), new_rule(0.86))
+    found = judge(*drive(weak(0.86 * 0.85), 13), new_rule(gain=0.86))
     # THEN it is not called weak, and at half of it it is
     assert "failed" not in {v.outcome for v in found}
-    found = judge(*drive(weak(0.86 * 0.55), 13), new_rule(0.86))
+    found = judge(*drive(weak(0.86 * 0.55), 13), new_rule(gain=0.86))
     assert {v.fault for v in found[6:]} == {"gain_low"}
 
 
