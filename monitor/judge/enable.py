@@ -49,6 +49,7 @@ TABLE: Final = (
         subject="Model",
         need="inputs valid for {model_settle_samples} samples",
         recovery="model_settle_samples",
+        remedy="record drives longer than the model remembers, without pauses",
         states=("settled", "not settled yet"),
     ),
     EnableCondition(

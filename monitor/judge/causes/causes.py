@@ -149,8 +149,7 @@ def _of_condition(condition: str, share: float, seen: Observation, asked: Asked)
             signal = _worst(seen, asked.card.input_names)
     else:
         signal = enable.BY_NAME[condition].signal
-    reason, advice = _of_signal(condition, signal, seen, asked)
-    return Cause(condition, round(share, 6), signal, reason, advice)
+    return Cause(condition, round(share, 6), signal, *_of_signal(condition, signal, seen, asked))
 
 
 def _worst(seen: Observation, names: Sequence[str]) -> str:
