@@ -111,9 +111,9 @@ def fit(
     kind : a network, or the physical chain
     inputs : default the paper's where all recordings have them, else chosen from what there is
     output : signal to predict
-    shape : of a network: ``transforms`` of its inputs and the fields of
-        ``training.narx.fit.FitOptions``: ``lags``, ``hidden``, ``starts``,
-        ``budget_minutes`` (10, counted work), ``wall_minutes``, ``threads``, ``progress``
+    shape : of a network: the fields of ``training.narx.fit.FitOptions``: ``lags``, ``hidden``,
+        ``starts``, ``budget_minutes`` (10, counted work), ``wall_minutes``, ``threads``,
+        ``progress``
     Raises O2Error with one line that names what cannot be used.
     """
     if Path(out).suffix != ".onnx":
@@ -125,7 +125,7 @@ def fit(
         outcome = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed, **shape)
     else:
         chosen = tuple(inputs) if inputs else choose_inputs(drives, output)
-        source = FitSource(drives, chosen, output, shape.pop("transforms", ()))
+        source = FitSource(drives, chosen, output)
         outcome = fit_narx(source, out, FitOptions(seed=seed, **shape))
     return Fit.of(outcome, drives, columns)
 

@@ -97,15 +97,11 @@ def _report(args: FitCommand) -> Path:
 
 
 def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
-    from monitor.base.errors import UsageError
     from monitor.base.signals import OUTPUT
     from training.cli.console.progress_bar import Bar
     from training.narx.fit import FitOptions, FitSource, fit
-    from training.recordings.samples.transforms import fuel_air_ratio
 
     inputs = inputs_of(args, recordings)
-    if args.ratio and not {"fuel_mass_mg", "air_mass_mg"} <= set(inputs):
-        raise UsageError("--ratio needs the inputs fuel_mass_mg and air_mass_mg")
     with Bar(args.budget) as bar:
         options = FitOptions(
             lags=args.lags,
@@ -118,9 +114,7 @@ def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
             progress=bar.update,
             tried=bar.tried,
         )
-        transforms = [fuel_air_ratio()] if args.ratio else []
-        source = FitSource(recordings, inputs, args.output or OUTPUT, transforms)
-        return fit(source, args.out, options)
+        return fit(FitSource(recordings, inputs, args.output or OUTPUT), args.out, options)
 
 
 def _tell_reference(card: "ModelCard") -> None:

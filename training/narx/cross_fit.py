@@ -28,7 +28,6 @@ from training.narx.search.structure import FOLDS, STARTS
 from training.narx.work import Work
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, Samples
-from training.recordings.samples.transforms import apply
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +156,7 @@ def _trained(
 
 def as_recorded(data: Prepared) -> Samples:
     """Return the scaled samples without the changes that training makes to them."""
-    u = apply(data.transforms, data.names, recorded(data, data.names))
+    u = recorded(data, data.names)
     y = to_model_units(data.transform, recorded(data, [data.output.name])[:, 0])
     valid = np.flatnonzero(data.samples.weight > 0)
     filled = np.interp(np.arange(len(y)), valid, y[valid])

@@ -5,7 +5,7 @@ one slice shifts it. The matrix products are Gemm with the batch as rows, which 
 for every batch size on onnxruntime's CPU provider; sums and batched products do not.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,13 +29,12 @@ IR_VERSION = 8
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """A trained NARX with its scaling and transforms, all that its graph contains."""
+    """A trained NARX with its scaling, all that its graph contains."""
 
     spec: Spec
     weights: FloatArray
     scaling: Scaling
     transform: str
-    transforms: tuple[Mapping[str, Any], ...]
     inputs: tuple[str, ...]
 
     @property
@@ -84,7 +83,7 @@ class Network:
 
     @property
     def input_range(self) -> tuple[FloatArray, FloatArray]:
-        """Middle and half width (k,) of the range to which transformed inputs are clipped."""
+        """Middle and half width (k,) of the range to which inputs are clipped."""
         low, high = self.scaling.u_low, self.scaling.u_high
         return (high + low) / 2, (high - low) / 2
 
@@ -119,8 +118,8 @@ class Graph:
 def build(network: Network) -> onnx.ModelProto:
     """Return the graph ``step``, float32, without a card."""
     graph, spec, size = Graph(), network.spec, network.state_layout.size
-    u, (middle, half) = _transformed(graph, network), network.input_range
-    mapped = graph.add("Gemm", [u, np.diag(1.0 / half), -middle / half], transB=1)
+    middle, half = network.input_range
+    mapped = graph.add("Gemm", ["u", np.diag(1.0 / half), -middle / half], transB=1)
     u_scaled = graph.add("Clip", [mapped, -1.0, 1.0])
     regressor = "state"
     if network.sees_newest:
@@ -146,23 +145,6 @@ def lambda_nodes(graph: Graph, transform: str, y: str) -> None:
         graph.add("Reciprocal", [readable], "lambda_hat")
     else:
         graph.add("Identity", [y], "lambda_hat")
-
-
-def _transformed(graph: Graph, network: Network) -> str:
-    """Return the inputs with the quotients of the transforms in the place of numerators."""
-    source, k = "u", len(network.inputs)
-    for t in network.transforms:
-        i, j = (network.inputs.index(t[place]) for place in ("numerator", "denominator"))
-        top, bottom = graph.take("u", i, i + 1), graph.take("u", j, j + 1)
-        quotient = graph.add("Div", [top, graph.add("Max", [bottom, t["denominator_minimum"]])])
-        free = graph.add("Mul", [quotient, t["factor"]])
-        parts = [graph.add("Clip", [free, 0.0, t["maximum"]])]
-        if i > 0:
-            parts.insert(0, graph.take(source, 0, i))
-        if i < k - 1:
-            parts.append(graph.take(source, i + 1, k))
-        source = graph.add("Concat", parts, axis=1)
-    return source
 
 
 def finished(graph: Graph, n_inputs: int, size: int) -> onnx.ModelProto:

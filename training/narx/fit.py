@@ -1,7 +1,7 @@
 """Fit a NARX to recordings: prepare, choose a structure, train several starts, write the file."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -85,11 +85,10 @@ class FitSource:
     recordings: "Sequence[Recording]"
     inputs: Sequence[str]
     output: str
-    transforms: Sequence[Mapping[str, Any]] = ()  # of inputs, see ``recordings.transforms``
 
     def prepared(self, lags: int, seed: int) -> Prepared:
         """Return the data; ``seed`` chooses the held-out blocks."""
-        source = (self.recordings, self.inputs, self.output, self.transforms)
+        source = (self.recordings, self.inputs, self.output)
         return prepare(*source, lags=lags, seed=seed, turn_fuel=True)
 
 
@@ -156,7 +155,6 @@ def write_model(
         twins.data,
         twins.predicted,
         kind="narx",
-        transforms=twins.data.transforms,
         unseen=twins.to_card(),
         checks=checks,
         **shape_of(network, members),

@@ -89,9 +89,8 @@ def recorded(data: Prepared, names: Sequence[str]) -> FloatArray:
 
 
 def network_of(data: Prepared, spec: Spec, weights: FloatArray) -> Network:
-    """Return the network with the scaling, transforms and inputs of its data."""
-    own = (data.scaling, data.transform, data.transforms, data.names)
-    return Network(spec, weights, *own)
+    """Return the network with the scaling and inputs of its data."""
+    return Network(spec, weights, data.scaling, data.transform, data.names)
 
 
 def shape_of(network: Network, members: int = 1) -> dict[str, Any]:

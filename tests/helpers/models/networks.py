@@ -21,7 +21,6 @@ def network_of(
     lags: int = 5,
     hidden: tuple[int, ...] = (8, 8),
     first_lag: int = 1,
-    transforms: tuple[Any, ...] = (),
 ) -> Network:
     """Return a network of these inputs and their ranges."""
     y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
@@ -37,7 +36,7 @@ def network_of(
     )
     spec = Spec(len(inputs), lags, hidden, first_lag, (y_low - 0.9) / 0.3, (y_high - 0.9) / 0.3)
     weights = 1.3 * initial_weights(spec, np.random.default_rng(4))
-    return Network(spec, weights, scaling, transform, transforms, tuple(inputs))
+    return Network(spec, weights, scaling, transform, tuple(inputs))
 
 
 def card_of(

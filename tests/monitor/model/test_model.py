@@ -17,7 +17,6 @@ from monitor.model.step import Model, from_model_units, to_model_units
 from tests.helpers.models.networks import card_of, network_of
 from training.narx.export import Network, build, file_content, update_card, write
 from training.narx.network import simulate
-from training.recordings.samples.transforms import apply, fuel_air_ratio
 
 INPUTS = ("air_mass_mg", "fuel_mass_mg", "lambda_controller")
 STATE = {"output_start": 3, "output_step": 4, "output_count": 5}
@@ -26,14 +25,10 @@ LOW, HIGH = np.array([50.0, 0.0, 0.8]), np.array([600.0, 60.0, 1.2])
 
 def network(
     transform: str = "phi",
-    ratio: bool = False,
     first_lag: int = 1,
     hidden: tuple[int, ...] = (8, 8),
 ) -> Network:
-    high = np.array([600.0, 2.5, 1.2]) if ratio else HIGH
-    more = (fuel_air_ratio(),) if ratio else ()
-    shape = {"hidden": hidden, "first_lag": first_lag}
-    return network_of(INPUTS, LOW, high, transform, transforms=more, **shape)
+    return network_of(INPUTS, LOW, HIGH, transform, hidden=hidden, first_lag=first_lag)
 
 
 def card(net: Network) -> ModelCard:
@@ -71,11 +66,10 @@ def test_the_card_survives_the_file(path: Path) -> None:
 
 
 def test_every_batch_size_gives_the_bits_of_single_runs(tmp_path: Path) -> None:
-    # GIVEN 70 different drives, and networks of several widths, with and without the transform
+    # GIVEN 70 different drives, and networks of several widths
     for number, net in enumerate(
         [
             network(),
-            network(ratio=True),
             network(first_lag=0),
             network(hidden=(10,)),
             network("none", hidden=(5, 3)),
@@ -100,7 +94,7 @@ def test_every_batch_size_gives_the_bits_of_single_runs(tmp_path: Path) -> None:
 def apart(path: Path, net: Network, u: FloatArray) -> float:
     """Return how far free runs of the file and of the network are apart, in model units."""
     scale, first = net.scaling, net.spec.memory
-    scaled = scale.scale_u(apply(net.transforms, net.inputs, u))
+    scaled = scale.scale_u(u)
     history = np.full((1, net.spec.lags), scale.scale_y(np.array([0.8])))
     start, stop = (np.array([edge]) for edge in (first, len(u)))
     run = simulate(net.spec, net.weights, u=scaled, start=start, stop=stop, history=history)
@@ -114,14 +108,13 @@ def apart(path: Path, net: Network, u: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("transform", ["phi", "none"])
-@pytest.mark.parametrize("ratio", [False, True])
 @pytest.mark.parametrize("first_lag", [0, 1])
 @pytest.mark.parametrize("hidden", [(8, 8), (5,), ()])
 def test_a_file_runs_freely_as_its_network_does(
-    tmp_path: Path, transform: str, ratio: bool, first_lag: int, hidden: tuple[int, ...]
+    tmp_path: Path, transform: str, first_lag: int, hidden: tuple[int, ...]
 ) -> None:
     # GIVEN a network and its file, inputs beyond the trained range
-    net = network(transform, ratio, first_lag, hidden)
+    net = network(transform, first_lag, hidden)
     file, u = tmp_path / "m.onnx", drive(300)
     write(file, build(net), card(net))
     # THEN float32 in ONNX and float64 in numpy agree over a free run
@@ -201,13 +194,6 @@ def test_inputs_far_outside_the_trained_range_change_nothing_more(path: Path) ->
     far = model.step(HIGH * 2)
     model.reset(HIGH * 1000, 1.0)
     assert model.step(HIGH * 1000) == far
-
-
-def test_the_ratio_takes_the_place_of_fuel_mass() -> None:
-    u = np.array([[100.0, 10.0, 1.0], [0.0, 50.0, 1.0]])
-    seen = apply([fuel_air_ratio()], INPUTS, u)
-    assert seen[0].tolist() == pytest.approx([100.0, 1.47, 1.0])
-    assert seen[1, 1] == 2.5
 
 
 def test_a_missing_file_is_an_error_with_its_name() -> None:

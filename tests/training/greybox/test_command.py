@@ -55,7 +55,7 @@ def test_fit_writes_limits_and_a_report(model: Path) -> None:
     ("options", "message"),
     [
         (["--lags", "3"], "--lags: a grey-box model"),
-        (["--hidden", "4", "--ratio"], "--hidden, --ratio"),
+        (["--hidden", "4", "--lag-zero"], "--lag-zero, --hidden"),
         (["--inputs", "maf_kg_h", "engine_speed_rpm"], "needs fuel_mass_mg"),
         (["--output", "engine_torque_nm"], "predicts lambda_measured"),
     ],

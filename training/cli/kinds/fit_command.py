@@ -27,7 +27,6 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     lag_zero : let the network also read the inputs of the predicted tick (without --lags and
         --hidden the data choose the lags)
     hidden : neurons per hidden layer (default: chosen from the data; 8 8 with --lags)
-    ratio : give the network the fuel-air ratio instead of the fuel mass
     starts : number of trainings from random weights (default: 3 of a shape that is given, of which
         the best is the model; about 4 after a search, whose mean is)
     budget : work of the training, in minutes of one core of a 2.1 GHz Xeon; the same seed, data
@@ -42,7 +41,6 @@ class FitCommand(SignalOptions, SeedOption, GridOptions):
     lags: Number | None = None
     lag_zero: bool = False
     hidden: Annotated[Sequence[int] | None, "N"] = None
-    ratio: bool = False
     starts: Number | None = None
     budget: Minutes = 10.0
     wall: Minutes | None = None

@@ -18,7 +18,6 @@ def check(args: FitCommand) -> None:
         "--lags": args.lags is not None,
         "--lag-zero": args.lag_zero,
         "--hidden": args.hidden is not None,
-        "--ratio": args.ratio,
         "--starts": args.starts is not None,
     }
     wrong = [option for option, value in is_set.items() if value]

@@ -4,10 +4,10 @@ A segment ends where an input is invalid. A sample whose output alone is invalid
 0. Contiguous blocks of every recording are held out for validation and for the limits.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from training.recordings.samples.augmentation import CONTROLLER, FUEL, controlle
 from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.rows import runs
 from training.recordings.samples.scaling import Scaling, channel_of, in_output_units, scaling_of
-from training.recordings.samples.transforms import apply
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
@@ -76,7 +75,6 @@ class Prepared:
     inputs: tuple[Channel, ...]
     output: Channel
     transform: str
-    transforms: tuple[Mapping[str, Any], ...]
     recordings: tuple["Recording", ...]
     period_ns: int
     outliers: dict[str, int]
@@ -109,7 +107,6 @@ def prepare(
     recordings: Sequence["Recording"],
     inputs: Sequence[str],
     output: str,
-    transforms: Sequence[Mapping[str, Any]] = (),
     *,
     lags: int = 5,
     seed: int = 0,
@@ -135,7 +132,7 @@ def prepare(
         turns = fuel_turns(role == Role.TRAIN, period_ns, seed)
         u[:, list(inputs).index(FUEL)] *= turns
         y = y * turns
-    seen = apply(transforms, inputs, u)
+    seen = u.copy()
     if transform == "phi" and CONTROLLER in inputs:
         seen[:, list(inputs).index(CONTROLLER)] += controller_noise(role == Role.TRAIN, seed)
     scaling = scaling_of(seen[train], y[train], transform, inputs, recordings)
@@ -150,7 +147,6 @@ def prepare(
         inputs=tuple(channel_of(n, u[train, i]) for i, n in enumerate(inputs)),
         output=channel_of(output, in_output_units(transform, recorded[train])),
         transform=transform,
-        transforms=tuple(transforms),
         recordings=tuple(recordings),
         period_ns=period_ns,
         outliers=cut.outliers,

@@ -24,7 +24,7 @@ LEAST_AT_END = 0.002  # of the readings; a single peak is no end
 
 @dataclass(frozen=True, slots=True)
 class Scaling:
-    """Affine maps to zero mean and unit variance; inputs after their transforms."""
+    """Affine maps to zero mean and unit variance."""
 
     u_mean: FloatArray
     u_std: FloatArray
