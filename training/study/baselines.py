@@ -124,7 +124,7 @@ def _models(case: BaselineCase) -> tuple[dict[str, LinearModel], int]:
     held_out = triangle(case.validate, case.skip, case.skip)
     grid = arx.order_grid(data, held_out, order, grid_delays)
     best = {n: min(grid, key=lambda c: getattr(c, key)) for n, key in CRITERIA.items()}
-    models = {n: solve_arx(data, c.na, c.nb, c.delays) for n, c in best.items()}
+    models = {name: candidate.model for name, candidate in best.items()}
     free = arx.best_in_free_run(data, case.validate, order, case.delays)
 
     def error(model: LinearModel) -> float:

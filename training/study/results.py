@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 from tqdm import tqdm
 
-from monitor.base.files.outputs import write_text
 from training.jobs import parallel
+from training.jobs.run_folder import write_json
 
 Shared = TypeVar("Shared")
 Item = TypeVar("Item")
@@ -26,12 +26,6 @@ def stored(path: Path) -> Result | None:
     except (OSError, ValueError):
         return None
     return result if isinstance(result, dict) else None
-
-
-def store(path: Path, result: Result) -> None:
-    """Write a result in one step."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps(result, allow_nan=False))
 
 
 def fan_out(
@@ -52,8 +46,9 @@ def fan_out(
     missing = [(key, item) for key, item in items.items() if key not in found]
     done = parallel.run(function, shared, missing, **where)
     bar = tqdm(done, label, len(items), initial=len(found), unit="job", leave=False, disable=None)
+    folder.mkdir(parents=True, exist_ok=True)
     for key, result in bar:
-        store(folder / f"{key}.json", result)
+        write_json(folder / f"{key}.json", result)
         found[key] = result
     return {key: found[key] for key in items}
 

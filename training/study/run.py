@@ -15,6 +15,7 @@ from typing import Any
 from monitor import __version__
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.outputs import write_text
+from training.jobs.run_folder import write_json
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import verdict
 from training.recordings.samples.preparation import ENABLE_COLUMNS
@@ -24,7 +25,7 @@ from training.study.driving.effort import effort
 from training.study.driving.steady import steady_against_mixed as steady
 from training.study.narx.study import narx_study
 from training.study.preparation import preparation
-from training.study.results import public, store, stored
+from training.study.results import public, stored
 from training.study.selection.selection import selection
 from training.study.sensor import against_sensor
 from training.study.task import Parts, Task, source
@@ -103,7 +104,7 @@ def study(task: Task, say: Callable[[str], None]) -> dict[str, Any]:
         "seconds": round(time.monotonic() - began, 1),
         **{name: public(part) for name, part in parts.items()},
     }
-    write_text(task.out / "study.json", json.dumps(result, allow_nan=False) + "\n")
+    write_json(task.out / "study.json", result)
     write_text(task.out / "report.html", page.report(parts, warnings))
     return result
 
@@ -125,7 +126,7 @@ def _done(task: Task, step: StudyStep, parts: Parts) -> tuple[dict[str, Any], bo
         result = {"skipped": str(error)}
     result["part_seconds"] = round(time.monotonic() - began, 1)
     result["part_cpu_s"] = round(time.process_time() - cpu, 1)
-    store(path, {"key": key, "result": result})
+    write_json(path, {"key": key, "result": result})
     return result, False
 
 

@@ -30,15 +30,14 @@ def delays(samples: Sequence[int]) -> str:
 def tests(found: Result) -> list[str]:
     """Return the cells of one model: whiteness, p, lags, independence, correlation, feedback."""
     white, each = found["whiteness"], found["independence"]
-    sizes = [max(abs(c) for c in t["correlation"][len(t["lags"]) // 2 :]) for t in each]
-    worst = int(np.argmax(sizes))
+    worst = max(each, key=lambda test: test["largest"])
     rejected, feedback = ([t["input"] for t in each if t[k]] for k in ("rejected", "feedback"))
     return [
         "rejected" if white["rejected"] else "not rejected",
         p_value(white["p_value"]),
         f"{white['outside']} of {white['lags']}",
         f"rejected for {_named(rejected, len(each))}" if rejected else "not rejected",
-        f"{sizes[worst]:.2f}, {each[worst]['input']}",
+        f"{worst['largest']:.2f}, {worst['input']}",
         _named(feedback, len(each)) if feedback else "none",
     ]
 

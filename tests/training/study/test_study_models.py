@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.drives.tanks import TANK_PERIOD_S, leaking_tank
@@ -185,13 +185,9 @@ def test_the_section_shows_every_model_and_says_which_coincide(result: dict[str,
     assert "simulated recordings" in section("narx", {"narx": {**result, "source": "simulated"}})
 
 
-def test_too_few_samples_and_impossible_settings_are_refused(
-    data: Prepared, tmp_path: Path
-) -> None:
+def test_too_few_samples_are_refused(data: Prepared, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"training samples for \d+ weights"):
         compared(data, tmp_path, SETTINGS, [ModelCandidate(1, LM, 8, (60, 60))])
-    with pytest.raises(UsageError, match="at least one of each"):
-        compared(data, tmp_path, replace(SETTINGS, starts=0))
 
 
 def numbers(train: float, test: float, free: float, weights: int = 400) -> dict[str, Any]:

@@ -9,8 +9,8 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
+from monitor.base.types import FloatArray
 from training.narx.linear.models import LinearModel, free_run_error
 from training.narx.linear.regressors import Stretch, Triangle
 
@@ -25,20 +25,19 @@ Delays = tuple[int, ...]  # (k,) dead time of every input, samples
 
 def solve_arx(data: Triangle, na: int, nb: int, delays: Delays) -> LinearModel:
     """Return the least-squares ARX model from condensed samples with at least its lags."""
-    (offset,), b, a = np.split(
-        data.solve(data.columns(na, nb, delays)), [1, 1 + nb * data.n_inputs]
-    )
+    return _arx(data.solve(data.columns(na, nb, delays)), nb, delays)
+
+
+def _arx(theta: FloatArray, nb: int, delays: Delays) -> LinearModel:
+    (offset,), b, a = np.split(theta, [1, 1 + nb * len(delays)])
     return LinearModel(-a, b.reshape(-1, nb), delays, float(offset))
 
 
 @dataclass(frozen=True, slots=True)
 class ArxCandidate:
-    """One combination of orders and dead times with its criteria."""
+    """An ARX model of one combination of orders and dead times, with its criteria."""
 
-    na: int
-    nb: int
-    delays: Delays
-    n_parameters: int
+    model: LinearModel
     validation_loss: float  # mean squared one-step error
     aic: float
     mdl: float
@@ -49,30 +48,20 @@ def order_grid(
 ) -> list[ArxCandidate]:
     """Return the candidates of all orders up to ``max_order`` for all choices of dead times.
 
-    One Cholesky factor of the Gram matrix per nb and dead times gives all na.
     AIC = log V + 2 d / N and MDL = V (1 + d log N / N), with loss V, d parameters and N samples.
     Source: the order selection of the reference toolbox.
     """
-    gram, n = train.factor.T @ train.factor, train.rows
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    gram /= np.outer(scale, scale)
-    held_out = validate.factor / scale
-    found = []
-    for choice, nb in product(delays, range(1, max_order + 1)):
-        columns = train.columns(max_order, nb, choice)
-        every = [*columns, 1]
-        block = gram[np.ix_(every, every)] + 1e-12 * np.eye(len(every))
-        lower = cholesky(block, lower=True)
-        fixed, row = len(columns) - max_order, lower[-1, :-1]
-        explained = np.concatenate([[0.0], np.cumsum(row**2)])
-        for na in range(1, max_order + 1):
-            d = fixed + na
-            theta = solve_triangular(lower[:d, :d], row[:d], lower=True, trans=1)
-            error = held_out[:, 1] - held_out[:, columns[:d]] @ theta
-            loss = max(1.0 - float(explained[d]), 1e-15) * scale[1] ** 2 / n
-            held_out_loss = float(error @ error) * scale[1] ** 2 / validate.rows
-            aic, mdl = np.log(loss) + 2 * d / n, loss * (1 + d * np.log(n) / n)
-            found.append(ArxCandidate(na, nb, choice, d, held_out_loss, float(aic), float(mdl)))
+    orders, found = range(1, max_order + 1), []
+    for na, nb, choice in product(orders, orders, delays):
+        columns = train.columns(na, nb, choice)
+        theta = train.solve(columns)
+        losses = [
+            float(np.sum((each.factor[:, 1] - each.factor[:, columns] @ theta) ** 2)) / each.rows
+            for each in (train, validate)
+        ]
+        v, n, d = max(losses[0], 1e-15), train.rows, len(columns)
+        aic, mdl = float(np.log(v)) + 2 * d / n, v * float(1 + d * np.log(n) / n)
+        found.append(ArxCandidate(_arx(theta, nb, choice), losses[1], aic, mdl))
     return found
 
 

@@ -28,11 +28,11 @@ class PredictionError:
     def __init__(
         self, start: LinearModel, records: Sequence[Stretch], skip: int, *, output_error: bool
     ) -> None:
-        lags, self.na, self.output_error = start.lags, len(start.a), output_error
-        self.delays, self.skip, self.size = start.delays, skip - lags, start.b.size + self.na + 1
-        chosen = columns_of(lags, lags, self.na, start.b.shape[1], start.delays)
-        rows = [lagged(stretch, lags, lags) for stretch in records]
-        self.stretches = [(each[:, chosen], each[:, 1]) for each in rows]
+        self.lags, self.na, self.output_error = start.lags, len(start.a), output_error
+        self.delays, self.size = start.delays, start.b.size + self.na + 1
+        chosen = columns_of(self.lags, self.lags, self.na, start.b.shape[1], start.delays)
+        self.rows = [lagged(stretch, self.lags, self.lags)[:, chosen] for stretch in records]
+        self.records, self.skip = records, skip
 
     def model(self, weights: FloatArray) -> LinearModel:
         """Return the model with these weights."""
@@ -40,26 +40,24 @@ class PredictionError:
         b = b.reshape(len(self.delays), -1)
         return LinearModel(-a, b, self.delays, float(offset), -a if self.output_error else c)
 
-    def errors(self, weights: FloatArray) -> list[FloatArray]:
-        """Return the errors (n - lags,) of every stretch."""
-        theta, c = weights[: self.size], [1.0, *self.model(weights).c]
-        return [lfilter([1.0], c, y - x @ theta) for x, y in self.stretches]
-
     def cost(self, weights: FloatArray) -> float:
         """Return the mean squared error."""
-        scored = [error[self.skip :] for error in self.errors(weights)]
+        model = self.model(weights)
+        scored = [model.errors(u, y)[self.skip :] for u, y in self.records]
         return float(np.mean(np.concatenate(scored) ** 2))
 
     def normal(self, weights: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Return the cost, J'J and J'e, divided by the number of errors."""
-        c, n, sums = [1.0, *self.model(weights).c], 0, np.zeros((len(weights) + 1,) * 2)
-        for (x, _), error in zip(self.stretches, self.errors(weights), strict=True):
+        model, n, sums = self.model(weights), 0, np.zeros((len(weights) + 1,) * 2)
+        for x, (u, y) in zip(self.rows, self.records, strict=True):
+            error = model.errors(u, y)[self.lags :]
             past = [np.append(np.zeros(lag), error[:-lag]) for lag in range(1, self.na + 1)]
             slopes = np.column_stack([x, *past])
             if self.output_error:
                 slopes[:, self.size - self.na : self.size] -= slopes[:, self.size :]
                 slopes = slopes[:, : self.size]
-            rows = np.column_stack([-lfilter([1.0], c, slopes, axis=0), error])[self.skip :]
+            slopes = -lfilter([1.0], [1.0, *model.c], slopes, axis=0)
+            rows = np.column_stack([slopes, error])[self.skip - self.lags :]
             sums, n = sums + rows.T @ rows, n + len(rows)
         return sums[-1, -1] / n, sums[:-1, :-1] / n, sums[:-1, -1] / n
 

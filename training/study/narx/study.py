@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import RecordingError
 from training.recordings.samples.preparation import Prepared, Role
 from training.study.narx.candidates import BAYES, CANDIDATES, LM, ModelCandidate, same_as
 from training.study.narx.models import SEED_STEP, Job, spec_of, thin, train_one, tune_one
@@ -42,13 +42,8 @@ def compared(
 
     folder : of the finished jobs
     where : ``jobs`` and ``scheduler`` as of ``fan_out``
-    Raises RecordingError if the samples are too few, UsageError for impossible settings.
+    Raises RecordingError if the samples are too few.
     """
-    if settings.starts < 1 or settings.iterations < 1 or not candidates:
-        raise UsageError(
-            f"{len(candidates)} models, {settings.starts} starts, {settings.iterations} "
-            "iterations: at least one of each is wanted"
-        )
     thinned = thin(data, settings.n_samples)
     trainings = _trainings(thinned, settings, candidates)
     done = fan_out(train_one, thinned, trainings, folder, label="models", **where)
