@@ -1,7 +1,7 @@
 """Decision limits of a model anew, from healthy drives; and what it finds in faulty ones."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from training.limits.trust import trust_of
 from training.recordings.recording import Recording, check_each_once, sha256
 
 SCHEMA = "o2train.calibrate/2"
+Drives = Sequence[tuple[Recording, Judged]]
 FEW_DRIVES = 5  # fewer show little of how drives differ
 
 
@@ -46,25 +47,29 @@ def calibrate(
     card = with_limits(model.card, [(model, healthy)], origin, config)
     card = replace(card, trust=trust_of([(model, healthy)], card, config, str(path)))
     limits = Limits.from_card(card, config, str(path))
-    good, bad = (judge_recordings(drives, model, limits, config) for drives in (healthy, faulty))
-    card = _with_paper_limits(card, good, bad)
-    rows, found = (
-        [_row(*pair, card) for pair in zip(*x, strict=True)]
-        for x in ((healthy, good), (faulty, bad))
+    good, bad = (
+        [*zip(drives, judge_recordings(drives, model, limits, config), strict=True)]
+        for drives in (healthy, faulty)
     )
+    card = _with_paper_limits(card, good, bad)
+    rows, found = ([_row(*drive, card) for drive in drives] for drives in (good, bad))
+    before = model.card.limits
     return card, {
         "schema": SCHEMA,
         "model": path.name,
         "model_sha256": sha256(path),
         "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
-        "limits": [_changed(name, card, model.card) for name in card.limits],
+        "limits": [
+            {"name": name, "before": before[name].value if name in before else None, **asdict(own)}
+            for name, own in card.limits.items()
+        ],
         "needed": config.response.evidence_fail,
-        "false_alarms": false_alarms(healthy, good, config),
+        "false_alarms": false_alarms(good, config),
         "found": rate(sum(bool(row["codes"]) for row in found), len(found))
         | {"named": sum(row["named"] == [row["fault"]] for row in found)},
         "healthy": rows,
         "faulty": found,
-        "warnings": _warnings(model.card, healthy, good, faulty, bad, config),
+        "warnings": _warnings(model.card, good, bad, config),
     }
 
 
@@ -86,14 +91,14 @@ def _entry(recording: Recording) -> dict[str, Any]:
     return entry if entry.get("sha256") == recording.sha256 else {}
 
 
-def _residuals(drives: Sequence[Judged]) -> WindowResiduals:
-    windows = [window for judged in drives for window in judged.windows]
+def _residuals(drives: Drives) -> WindowResiduals:
+    windows = [window for _, judged in drives for window in judged.windows]
     return WindowResiduals(
         *(np.array([getattr(w, name) for w in windows]) for name in WindowResiduals._fields)
     )
 
 
-def _with_paper_limits(card: ModelCard, good: Sequence[Judged], bad: Sequence[Judged]) -> ModelCard:
+def _with_paper_limits(card: ModelCard, good: Drives, bad: Drives) -> ModelCard:
     """Return the card with the pair of limits that finds most faulty windows, if there are any."""
     healthy, faulty = _residuals(good), _residuals(bad)
     if not len(faulty.mean):
@@ -105,17 +110,6 @@ def _with_paper_limits(card: ModelCard, good: Sequence[Judged], bad: Sequence[Ju
         for name, value in zip(("j_mu", "j_sigma"), pair, strict=True)
     }
     return replace(card, limits={**card.limits, **changed})
-
-
-def _changed(name: str, card: ModelCard, old: ModelCard) -> dict[str, Any]:
-    limit, before = card.limits[name], old.limits.get(name)
-    return {
-        "name": name,
-        "value": limit.value,
-        "before": before.value if before else None,
-        "unit": limit.unit,
-        "origin": limit.origin,
-    }
 
 
 def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any]:
@@ -130,7 +124,7 @@ def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any
         "fault": entry.get("fault"),
         "severity": entry.get("severity"),
         "windows": len(judged.windows),
-        "paper_failed": int(_residuals([judged]).failed(j_mu, j_sigma).sum()),
+        "paper_failed": int(_residuals([(recording, judged)]).failed(j_mu, j_sigma).sum()),
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
         "named": sorted({dtc.fault for dtc in judged.dtcs}),
         "completed": judged.completed,
@@ -138,26 +132,19 @@ def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any
     }
 
 
-def _warnings(
-    card: ModelCard,
-    healthy: Sequence[Recording],
-    good: Sequence[Judged],
-    faulty: Sequence[Recording],
-    bad: Sequence[Judged],
-    config: Config,
-) -> list[str]:
+def _warnings(card: ModelCard, good: Drives, bad: Drives, config: Config) -> list[str]:
     trained = {r.sha256 for r in card.recordings}
     texts = [
         f"{r.path}: the model was trained on it, so its residuals are smaller than on other drives"
-        for r in healthy
+        for r, _ in good
         if r.sha256 in trained
     ]
     texts += [
         f"{r.path}: no window, so it says nothing{_why(r, card, config)}"
-        for r, judged in zip((*healthy, *faulty), (*good, *bad), strict=True)
+        for r, judged in (*good, *bad)
         if not judged.windows
     ]
-    speaking = sum(bool(judged.windows) for judged in good)
+    speaking = sum(bool(judged.windows) for _, judged in good)
     if speaking < FEW_DRIVES:
         texts.append(
             f"{counted(speaking, 'healthy drive')} with windows: how drives differ is hardly seen, "

@@ -50,21 +50,18 @@ def limits_of(
             f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
             f"{cause or f'give more or longer recordings{driven}'}"
         )
-    unit = card.output.unit
-    means = np.array([w.mean for w in windows])
-    stds = np.array([w.std for w in windows])
     # a drive unlike all others tells of itself, so the median one counts
     long = [drive for drive in drives if len(drive) >= MINIMUM_WINDOWS] or [windows]
     noise, memory = _noise(long, card.transform)
     offsets, offset_std = healthy_offsets(_counted(long, config), config.bias)
     spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
-    n = len(windows)
-    where = f"{n} healthy windows, {origin}"
+    where = f"{len(windows)} healthy windows, {origin}"
+    quantile, unit = f"quantile {PAPER_QUANTILE}, {where}", card.output.unit
     phi = "-" if card.transform == "phi" else unit
     return {
-        "j_mu": Limit(above_most(np.abs(means)), unit, f"quantile {PAPER_QUANTILE}, {where}"),
-        "j_sigma": Limit(above_most(stds), unit, f"quantile {PAPER_QUANTILE}, {where}"),
+        "j_mu": Limit(above_most(np.array([abs(w.mean) for w in windows])), unit, quantile),
+        "j_sigma": Limit(above_most(np.array([w.std for w in windows])), unit, quantile),
         "noise": Limit(noise, phi, f"residual within windows, median drive of {where}"),
         "noise_memory": Limit(
             memory, "-", f"correlation of the residual's neighbouring samples, {where}"

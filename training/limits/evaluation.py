@@ -60,23 +60,18 @@ def evaluate(
     }
 
 
-def false_alarms(
-    recordings: Sequence[Recording], judged: Sequence[Judged], settings: Config
-) -> dict[str, Any]:
+def false_alarms(drives: Sequence[tuple[Recording, Judged]], settings: Config) -> dict[str, Any]:
     """Return the stated and the observed rate of healthy drives with a code, per drive.
 
     Of n drives in which nothing was found, a further one is the worst with a probability of
     1/(n + 1), so they alone prove no smaller rate (``provable``).
-
-    judged : the verdict on each recording
     """
-    told = [sorted({dtc.fault for dtc in each.dtcs}) for each in judged]
-    named = {str(r.path): faults for r, faults in zip(recordings, told, strict=True) if faults}
+    named = {str(r.path): sorted({dtc.fault for dtc in own.dtcs}) for r, own in drives if own.dtcs}
     return {
-        **rate(len(named), len(told)),
+        **rate(len(named), len(drives)),
         "stated": math.exp(-settings.response.evidence_fail),
-        "provable": 1.0 / (len(told) + 1.0),
-        "completed": sum(each.completed for each in judged),
+        "provable": 1.0 / (len(drives) + 1.0),
+        "completed": sum(own.completed for _, own in drives),
         "named": named,
     }
 
@@ -98,7 +93,8 @@ def _alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
     check_each_once(recordings)
     settings = config.load()
     limits = Limits.from_card(model.card, settings, str(model.path))
-    return false_alarms(recordings, judge_recordings(recordings, model, limits, settings), settings)
+    judged = judge_recordings(recordings, model, limits, settings)
+    return false_alarms([*zip(recordings, judged, strict=True)], settings)
 
 
 def predict(

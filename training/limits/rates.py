@@ -56,7 +56,7 @@ def quantile_bounds(
     >>> quantile_bounds(np.arange(101.0), 0.5)
     (40.0, 60.0)
     """
-    n, x = len(values), np.sort(values)
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = (int(stats.binom.ppf(q, n, share)) for q in (tail, 1.0 - tail))
-    return float(x[low - 1]) if low else None, float(x[high]) if high < n else None
+    found: Any = stats.quantile_test(np.asarray(values), p=share)
+    bounds = found.confidence_interval(CONFIDENCE)
+    low, high = (None if np.isnan(bound) else float(bound) for bound in bounds)
+    return low, high

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -71,9 +72,8 @@ class RecordingJudge:
         *,
         keep_banks: bool = True,
     ) -> None:
-        self._judge = Judge(names, model, config, rows=rows)
-        self._limits, self._config, self._rows = limits, config, rows
-        self._keep_banks = keep_banks
+        self.steps, self.limits = Judge(names, model, config, rows=rows), limits
+        self.rows, self.keep_banks = rows, keep_banks
 
     def judge(
         self,
@@ -90,37 +90,25 @@ class RecordingJudge:
             within the recording; by default nothing is known, and nothing learned
         clearings : of each recording's codes, by a tester; by default none
         """
+        n = len(blocks)
         if stores is None:
-            stores = [DtcStore(profile=self._config.profile) for _ in blocks]
+            stores = [DtcStore(profile=self.steps.config.profile) for _ in blocks]
             for store in stores:
                 store.start_driving_cycle()
+        known: Sequence[Reference | None] = references or [None] * n
+        of_each = [*zip(blocks, stores, known, clearings or [()] * n, strict=True)]
         judged: dict[int, Judged] = {}
-        order = sorted(range(len(blocks)), key=lambda i: -len(blocks[i].t_ns))  # alike together
-        for first in range(0, len(order), self._rows):
-            chosen = order[first : first + self._rows]
-            runs = [
-                _Run(
-                    self._judge,
-                    blocks[i],
-                    self._limits,
-                    stores[i],
-                    references[i] if references else None,
-                    clearings[i] if clearings else (),
-                    keep_banks=self._keep_banks,
-                )
-                for i in chosen
-            ]
-            self._push(runs)
-            judged |= {i: run.judged() for i, run in zip(chosen, runs, strict=True)}
-        return [judged[i] for i in range(len(blocks))]
+        order = sorted(range(n), key=lambda i: -len(blocks[i].t_ns))  # alike together
+        for first in range(0, n, self.rows):
+            runs = {i: _Run(self, *of_each[i]) for i in order[first : first + self.rows]}
+            self._push([*runs.values()])
+            judged |= {i: run.judged() for i, run in runs.items()}
+        return [judged[i] for i in range(n)]
 
     def _push(self, runs: Sequence["_Run"]) -> None:
         """Judge recordings to their ends."""
-        while True:
-            now = [(run, block) for run in runs if (block := next(run.blocks, None)) is not None]
-            if not now:
-                return
-            events = self._judge.push([run.monitor for run, _ in now], [block for _, block in now])
+        while now := [(run, block) for run in runs for block in islice(run.blocks, 1)]:
+            events = self.steps.push([run.monitor for run, _ in now], [block for _, block in now])
             for (run, _), own in zip(now, events, strict=True):
                 for event in own:
                     run.take(event)
@@ -129,28 +117,27 @@ class RecordingJudge:
 class _Run:
     """One recording on its way through a monitor.
 
-    limits : of the model
     reference : of the vehicle, which learns; None is a vehicle of which nothing is kept
     """
 
     def __init__(
         self,
-        judge: Judge,
+        judge: RecordingJudge,
         block: SampleBlock,
-        limits: Limits,
         store: DtcStore,
         reference: Reference | None,
         clearings: Sequence[Clearing],
-        *,
-        keep_banks: bool,
     ) -> None:
-        self._limits, self._bias, self._learns = limits, judge.config.bias, reference is not None
-        self._reference, self._keep_banks = reference or Reference(), keep_banks
-        own = limits.of_vehicle(self._reference, self._bias)
-        self.monitor = SensorMonitor(judge, own, store)
-        self._measured = block.values[:, judge.names.index(self.monitor.output)].copy()
+        self._judge, self._learns = judge, reference is not None
+        self._reference, steps = reference or Reference(), judge.steps
+        self.monitor = SensorMonitor(steps, self._limits(), store)
+        self._measured = block.values[:, steps.names.index(self.monitor.output)].copy()
         self._events: list[BlockEvent] = []
         self.blocks = self._parts(block, clearings)
+
+    def _limits(self) -> Limits:
+        """Return the limits of the vehicle as far as it is known."""
+        return self._judge.limits.of_vehicle(self._reference, self._judge.steps.config.bias)
 
     def _parts(self, block: SampleBlock, clearings: Sequence[Clearing]) -> Iterator[SampleBlock]:
         """Yield the recording in blocks; the codes are cleared between them."""
@@ -163,14 +150,15 @@ class _Run:
 
     def take(self, event: BlockEvent) -> None:
         """Take one event; the reference learns from a driving cycle that is over."""
-        if isinstance(event, WindowJudged) and not self._keep_banks:
+        if isinstance(event, WindowJudged) and not self._judge.keep_banks:
             window = replace(event.window, bank=event.window.bank[:, :0].copy())
             event = replace(event, window=window)
         self._events.append(event)
         if isinstance(event, CycleStarted):
             if self._learns and event.seen is not None:
-                self._reference = self._reference.learn(event.seen, self._bias)
-            self.monitor.adopt(self._limits.of_vehicle(self._reference, self._bias))
+                bias = self._judge.steps.config.bias
+                self._reference = self._reference.learn(event.seen, bias)
+            self.monitor.adopt(self._limits())
 
     def _of(self, kind: type[_Kind]) -> list[_Kind]:
         return [event for event in self._events if isinstance(event, kind)]

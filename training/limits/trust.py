@@ -32,7 +32,7 @@ LIMIT_FAULTS: Final = (
 )
 LEAST_WINDOWS: Final = 10  # of a drive that counts, if any has as many
 MOST_DRIVES: Final = 10
-MOST_S: Final = 3600.0  # of a drive
+MOST_S: Final = 3600.0  # of a drive, its begin
 
 
 class _Told(NamedTuple):
@@ -55,9 +55,10 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
         faults = [fault for fault in faults if not fault.offset_lambda]
     told = list[_Told](), list[_Told]()  # of short drives, of long ones
     for model, recordings in unseen:
-        for drive in map(_begin, recordings):
+        for recording in recordings:
             if len(told[True]) == MOST_DRIVES:
                 break
+            drive = recording.part(0, round(MOST_S * 1e9 / recording.period_ns))
             faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
             healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
             pairs = zip(faults, others, strict=True)
@@ -94,8 +95,3 @@ def put_on(
         phi = 1.0 / faulty_readings(fault, 1.0 / (1.0 - small * (own - middle)), period_s)
         values[:, column] = middle + (1.0 - phi) / small
     return replace(recording, values=values)
-
-
-def _begin(recording: Recording) -> Recording:
-    """Return at most the first hour of a recording."""
-    return recording.part(0, round(MOST_S * 1e9 / recording.period_ns))

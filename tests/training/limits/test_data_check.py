@@ -13,7 +13,7 @@ from tests.helpers.models.plants import coloured
 from training.cli import main
 from training.limits.data_check.check import check
 from training.limits.data_check.findings import as_page, as_text
-from training.limits.data_check.measures import coverage
+from training.limits.data_check.inputs import coverage
 from training.recordings.recording import Recording, write_table
 
 INPUTS = ("speed", "load", "ignition")
@@ -195,8 +195,8 @@ def test_one_operating_point_is_poor_coverage() -> None:
 def test_coverage_counts_visited_cells() -> None:
     along = np.repeat(np.linspace(0.0, 1.0, 1000), 10)
     found = coverage(along, along, 0.1)  # along the diagonal of 8 × 8 cells
-    assert found.share == pytest.approx(8 / 64)
-    assert found.seconds.sum() == pytest.approx(990.0, abs=2.0)
+    assert found["share"] == pytest.approx(8 / 64)
+    assert np.sum(found["seconds"]) == pytest.approx(990.0, abs=2.0)
 
 
 def test_the_same_file_twice_is_a_warning(good: Recording) -> None:

@@ -4,13 +4,13 @@ Every finding has a level: ok, warning (the training works, the model suffers) o
 training is impossible or useless). Its text compares the recordings with the requirement.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from monitor.base.files.manifest import source_of
-from training.limits.data_check.inputs import copies, covered, excited
+from training.limits.data_check.inputs import COPY_LAGS, copies, covered, excited
 from training.limits.data_check.samples import DataFinding, closed_loop, enough, usable
 from training.recordings.recording import Recording
 
@@ -30,16 +30,20 @@ def check(
     """
     findings = [DataFinding("error", "file", text) for text in unreadable]
     figures: dict[str, Any] = {"coverage": None, "excitation": []}
-    findings += _setup(recordings, inputs, output)
+    all_well = DataFinding("ok", "missing channels", "every recording has all signals")
+    findings += [*_signals(recordings, inputs, output)] or [all_well]
+    findings += _files(recordings)
     if not any(f.level == "error" for f in findings):
         data, on_samples = usable(recordings, inputs, output)
         findings += on_samples
         if data.u:
-            findings += enough(recordings, data, len(inputs), output)
-            findings += closed_loop(recordings, data)
-            findings += covered(recordings, figures)
-            findings += excited(recordings, data, inputs, figures)
-            findings += copies(data, inputs, output)
+            findings.append(enough(recordings, data, len(inputs), output))
+            findings.append(closed_loop(recordings, data))
+            findings.append(covered(recordings, figures))
+            moving = DataFinding("ok", "excitation", "every input moves")
+            findings += [*excited(recordings, data, inputs, figures)] or [moving]
+            text = f"no input is a scaled or shifted copy of {output} (within {COPY_LAGS} samples)"
+            findings += [*copies(data, inputs, output)] or [DataFinding("ok", "leak", text)]
     return {
         "schema": SCHEMA,
         "usable": not any(f.level == "error" for f in findings),
@@ -63,37 +67,37 @@ def _recording(r: Recording) -> dict[str, Any]:
     }
 
 
-def _setup(
+def _signals(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
-) -> list[DataFinding]:
-    """Return the findings on names, periods and files; an error here ends the check."""
-    findings = []
+) -> Iterator[DataFinding]:
+    """Yield the errors in names."""
     if not recordings:
-        return [DataFinding("error", "file", "no recording can be read, at least one is wanted")]
+        yield DataFinding("error", "file", "no recording can be read, at least one is wanted")
+        return
     if output in inputs:
-        findings.append(DataFinding("error", "names", f"{output} is both an input and the output"))
-    twice = dict.fromkeys(n for n in inputs if list(inputs).count(n) > 1)
-    findings += [DataFinding("error", "names", f"input {n} is named more than once") for n in twice]
+        yield DataFinding("error", "names", f"{output} is both an input and the output")
+    for name in dict.fromkeys(n for n in inputs if list(inputs).count(n) > 1):
+        yield DataFinding("error", "names", f"input {name} is named more than once")
     for r in recordings:
         lost = [n for n in (*inputs, output) if n not in r.names]
         if lost:
             text = f"{r.path}: no {', '.join(lost)}; there are {', '.join(r.names)}"
-            findings.append(DataFinding("error", "missing channels", text))
-    if not findings:
-        findings.append(DataFinding("ok", "missing channels", "every recording has all signals"))
-    first = recordings[0]
-    for r in recordings[1:]:
+            yield DataFinding("error", "missing channels", text)
+
+
+def _files(recordings: Sequence[Recording]) -> Iterator[DataFinding]:
+    """Yield the findings on periods and files."""
+    for r in recordings:
+        first = recordings[0]
         if r.period_ns != first.period_ns:
             text = (
                 f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
                 f"{first.period_ns / 1e9:g} s; one grid is wanted (--period)"
             )
-            findings.append(DataFinding("error", "sample period", text))
-    by_sha256: dict[str, Recording] = {}
+            yield DataFinding("error", "sample period", text)
+    known: dict[str, Recording] = {}
     for r in recordings:
-        if r.sha256 in by_sha256:
-            first = by_sha256[r.sha256]
-            text = f"{r.path} and {first.path} are the same file: held-out blocks leak"
-            findings.append(DataFinding("warning", "repeated file", text))
-        by_sha256.setdefault(r.sha256, r)
-    return findings
+        if r.sha256 in known:
+            text = f"{r.path} and {known[r.sha256].path} are the same file: held-out blocks leak"
+            yield DataFinding("warning", "repeated file", text)
+        known.setdefault(r.sha256, r)

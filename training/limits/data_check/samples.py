@@ -1,6 +1,6 @@
 """Findings on the samples: gaps, outliers, constants, duration, time in closed loop."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,14 +73,14 @@ def usable(
     return Usable(u, y, int((cut.enabled & np.isfinite(cut.y)).sum())), findings
 
 
-def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFinding]:
-    findings = []
+def _one_signal(name: str, values: FloatArray, outliers: int) -> Iterator[DataFinding]:
     valid = values[np.isfinite(values)]
     if not len(valid):
-        return [DataFinding("error", "missing channels", f"{name} is never valid")]
+        yield DataFinding("error", "missing channels", f"{name} is never valid")
+        return
     if np.ptp(valid) <= 1e-9 * max(1.0, float(np.abs(valid).max())):
         text = f"{name} is constant ({plain(valid[0], 6)}): it teaches nothing, leave it out"
-        findings.append(DataFinding("error", "constant", text))
+        yield DataFinding("error", "constant", text)
     lost = 1.0 - (len(valid) + outliers) / len(values)
     if lost > LOST:
         longest = max(b - a for a, b in runs(np.isnan(values)))
@@ -88,19 +88,18 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> list[DataFindin
             f"{name} is not valid in {100 * lost:.1f} % of the samples, longest gap {longest} "
             f"samples; below {100 * LOST:g} % is wanted"
         )
-        findings.append(DataFinding("warning", "gaps", text))
+        yield DataFinding("warning", "gaps", text)
     if outliers > OUTLIERS * len(values):
         text = (
             f"{name} has {counted(outliers, 'outlier')}, {100 * outliers / len(values):.2f} %; "
             f"below {100 * OUTLIERS:g} % is usual: look at sensor, unit and decoding"
         )
-        findings.append(DataFinding("warning", "outliers", text))
-    return findings
+        yield DataFinding("warning", "outliers", text)
 
 
 def enough(
     recordings: Sequence[Recording], data: Usable, n_inputs: int, output: str
-) -> list[DataFinding]:
+) -> DataFinding:
     """Return the finding on the duration: for a training, whole blocks, and limits."""
     period_s = recordings[0].period_ns / 1e9
     seconds = data.samples * period_s
@@ -121,19 +120,19 @@ def enough(
             "are wanted to set limits"
         )
         level = "warning"
-    return [DataFinding(level, "duration", text)]
+    return DataFinding(level, "duration", text)
 
 
-def closed_loop(recordings: Sequence[Recording], data: Usable) -> list[DataFinding]:
+def closed_loop(recordings: Sequence[Recording], data: Usable) -> DataFinding:
     """Return the finding on the time in closed loop, outside fuel cut, with a ready sensor."""
     recorded = [n for n in ENABLE_COLUMNS if any(n in r.names for r in recordings)]
     if not recorded:
         text = "the recordings do not say when the loop was closed: every sample counts alike"
-        return [DataFinding("ok", "closed loop", text)]
+        return DataFinding("ok", "closed loop", text)
     share = data.enabled / max(data.samples, 1)
     enabled = duration(data.enabled * recordings[0].period_ns / 1e9)
     text = f"{enabled}, {100 * share:.0f} % of the usable samples (by {', '.join(recorded)})"
-    if share < CLOSED_LOOP:
-        text += f"; {100 * CLOSED_LOOP:g} % are wanted, the rest weighs little in the training"
-        return [DataFinding("warning", "closed loop", text)]
-    return [DataFinding("ok", "closed loop", text)]
+    if share >= CLOSED_LOOP:
+        return DataFinding("ok", "closed loop", text)
+    wanted = f"{100 * CLOSED_LOOP:g} % are wanted, the rest weighs little in the training"
+    return DataFinding("warning", "closed loop", f"{text}; {wanted}")

@@ -9,7 +9,6 @@ still reading are silent.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,31 +25,18 @@ RESOLVED_S = 1.0  # much shorter stretches are chance: the noise is hardly large
 DAY_S = 86_400.0  # longer than any drive
 
 
-class StillStretches(NamedTuple):
-    """The times for which the reading of a drive stands still, in s."""
-
-    within: list[float]  # the range of the reading
-    at_end: list[float]  # of that range, where nothing says whether the fuel is cut
-
-
 def still_limits(
     recordings: Sequence[Recording], card: ModelCard, config: Config
 ) -> dict[str, Limit]:
     """Return how long the reading of healthy recordings may stand still, if unusually long."""
     own = config.plausibility
-    found = [still_stretches(recording, card, config) for recording in recordings]
-    times_s = {
-        "still_s": (
-            next_longest([each.within for each in found]),
-            STRETCHES_OF_A_CODE * own.stuck_s,
-        ),
-        "still_end_s": (next_longest([each.at_end for each in found]), own.fuel_cut_most_s),
-    }
+    usual_s = {"still_s": STRETCHES_OF_A_CODE * own.stuck_s, "still_end_s": own.fuel_cut_most_s}
+    drives = [_still_stretches(recording, card, config) for recording in recordings]
     where = f"exceeded in {FALSE_SHARE:g} of the drives, by {len(recordings)} healthy recordings"
     return {
         name: Limit(time_s, "s", where)
-        for name, (time_s, usual_s) in times_s.items()
-        if time_s > usual_s
+        for i, name in enumerate(usual_s)
+        if (time_s := next_longest([drive[i] for drive in drives])) > usual_s[name]
     }
 
 
@@ -77,14 +63,19 @@ def next_longest(drives: Sequence[Sequence[float]]) -> float:
     return min(longest[n].item() * factor - RESOLVED_S, DAY_S)
 
 
-def still_stretches(recording: Recording, card: ModelCard, config: Config) -> StillStretches:
-    """Return the stretches in which the reading stands still though a live sensor must move."""
+def _still_stretches(
+    recording: Recording, card: ModelCard, config: Config
+) -> tuple[list[float], list[float]]:
+    """Return the times in s for which the reading stands still though a live sensor must move.
+
+    The first are those within its range, the others those at its end, where nothing says whether
+    the fuel is cut.
+    """
     own, period_s = config.plausibility, card.period_ns * 1e-9
     test = ActivityTest(own, card.output, recording.names, period_s)
-    measured = recording.column(card.output.name)
-    found = StillStretches([], [])
+    found: tuple[list[float], list[float]] = [], []
     active = moving_samples(recording, card, config)
-    for length, level in _stretches(measured, active, own.stuck_range):
+    for length, level in _stretches(recording.column(card.output.name), active, own.stuck_range):
         if not test.is_cold(level):
             found[test.is_at_end(level)].append(length * period_s)
     return found
