@@ -142,7 +142,7 @@ class BiasRule:
     ) -> None:
         self._config, self._step_most = config, step_most
         self._low, self._high, self._window_std = low, high, window_std
-        self._windows = 0
+        self.windows, self.total = 0, 0.0  # that count, and the sum of their offsets
         self._course = Course()
         self._sum = self._bounded = self._weight = self._square = 0.0
 
@@ -152,13 +152,14 @@ class BiasRule:
         if not ignore:
             memory = config.memory
             counted = bounded([mean], self._low, self._high, self._window_std, config)
-            self._windows += 1
+            self.windows += 1
+            self.total += mean
             self._course.push(mean)
             self._sum = memory * self._sum + mean
             self._bounded = memory * self._bounded + counted.item()
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
-        if not self._windows:
+        if not self.windows:
             return Bias("inconclusive", offset=0.0)
         offset = self._sum / self._weight
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
@@ -176,7 +177,7 @@ class BiasRule:
             step, sure = self._course.step(self._step_most, healthy, self._window_std, config)
             if sure > config.certainty:
                 return "failed", self._named(is_lean=step > 0.0)
-        if self._windows < config.n_windows or 0.0 <= beyond <= config.certainty:
+        if self.windows < config.n_windows or 0.0 <= beyond <= config.certainty:
             return "inconclusive", None
         if beyond < 0.0:
             return "passed", None

@@ -46,7 +46,7 @@ def judge_behind(
         "followed": activity.followed,
         "verdict": claim.outcome,
         "log_odds": round(claim.log_odds, 3),
-        "needed": round(activity.evidence_fail, 3),
+        "needed": round(config.response.evidence_fail, 3),
     }
     return entry, [] if claim.outcome != "inconclusive" else [_cause(table, activity)]
 

@@ -75,24 +75,21 @@ class CatalystBank:
         self.capacity_g: FloatArray = np.array(config.capacities_g)[:, np.newaxis]
         self.offset: FloatArray = np.array(config.offsets_phi)
         self.shape = len(sensors), len(self.capacity_g), len(self.offset)
-        column = (len(sensors), 1, 1)
-        to_rich, to_lean = (
-            np.array([getattr(s, name) for s in sensors]).reshape(column)
-            for name in ("tau_to_rich_s", "tau_to_lean_s")
+        to_rich, to_lean, gain, leak = (
+            np.array([getattr(s, name) for s in sensors])[:, np.newaxis, np.newaxis]
+            for name in ("tau_to_rich_s", "tau_to_lean_s", "gain", "leak_phi")
         )
         rising = 1.0 - np.exp(-period_s / to_rich)
         self._falling = 1.0 - np.exp(-period_s / to_lean)
         self._more_rising = rising - self._falling
-        self._gain = config.voltage_span_v * np.array([s.gain for s in sensors]).reshape(column)
-        low = config.voltage_low_v - MID_V
-        self._low_v = MID_V + low * np.array([s.gain for s in sensors]).reshape(column)
+        self._gain = config.voltage_span_v * gain
+        self._low_v = MID_V + (config.voltage_low_v - MID_V) * gain
         self._ticks = max(round(config.sensor_late_s / period_s), 1)
         shares = np.array(config.zone_shares) / sum(config.zone_shares)
         self._zones_g = shares[:, np.newaxis, np.newaxis] * self.capacity_g
         self._late = [(i, s.direction) for i, s in enumerate(sensors) if s.delay_s > 0.0]
-        leaks = [i for i, s in enumerate(sensors) if s.leak_phi > 0.0]
-        self._leaks = slice(leaks[0], leaks[-1] + 1) if leaks else None  # they stand together
-        self._leak_phi = np.array([sensors[i].leak_phi for i in leaks])[:, np.newaxis, np.newaxis]
+        self._leaks = np.flatnonzero(leak)
+        self._leak_phi = leak[self._leaks]
         self.reset()
 
     def reset(self) -> None:
@@ -145,10 +142,9 @@ class CatalystBank:
         steady = self._steady(x)
         step, rise, volts, reading = self._step, self._rise, self._v, self._reading
         step[:] = steady
-        if self._leaks is not None:
-            full = OXYGEN_IN_AIR * self._period_s * self._config.leak_flow_g_s
-            share = 1.0 / (1.0 + (grams / full) ** 2)
-            step[self._leaks] = self._steady(x + self._leak_phi * share)
+        full = OXYGEN_IN_AIR * self._period_s * self._config.leak_flow_g_s
+        share = 1.0 / (1.0 + (grams / full) ** 2)
+        step[self._leaks] = self._steady(x + self._leak_phi * share)
         if self._late:
             late = self._past[self._at]
             for i, direction in self._late:

@@ -35,9 +35,8 @@ class RearActivity:
     """Counts excursions of the front sensor that the rear follows; samples come one by one."""
 
     def __init__(self, settings: Config) -> None:
-        self._config, self._odds = config, odds = settings.catalyst, settings.response
-        self.evidence_fail = odds.evidence_fail
-        low, sound = config.follow_low, config.follow_sound
+        self._config, self._odds = settings.catalyst, settings.response
+        low, sound = self._config.follow_low, self._config.follow_sound
         self._followed = math.log(low / sound)
         self._missed = math.log((1.0 - low) / (1.0 - sound))
         self._front = self._rear = BETWEEN

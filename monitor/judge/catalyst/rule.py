@@ -52,20 +52,19 @@ class CatalystRule:
     """
 
     def __init__(self, settings: Config, period_s: float, *, wide: bool = False) -> None:
-        self._config, self._odds = config, odds = settings.catalyst, settings.response
-        self._bank = bank = CatalystBank(config, period_s, wide=wide)
+        self._config, self._odds = settings.catalyst, settings.response
+        config, bank = self._config, CatalystBank(self._config, period_s, wide=wide)
+        self._bank = bank
         self._n_segment = max(round(config.segment_s / period_s), 1)
         self._n_settle = round(config.settle_s / period_s)
         self._weight = config.evidence_weight * period_s / config.memory_s
-        self.evidence_fail = odds.evidence_fail
         capacity = bank.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
         margin = config.threshold_margin
         self._is_low = capacity < config.threshold_g / margin
         self._is_sound = capacity > config.threshold_g * margin
         self._faults = [s.fault for s in bank.sensors]
-        stuck = [i for i, fault in enumerate(self._faults) if fault in STUCK]
-        self._stuck = slice(stuck[0], stuck[-1] + 1)  # they stand together
+        self._stuck = [i for i, fault in enumerate(self._faults) if fault in STUCK]
         prior = -0.5 * (bank.offset / config.offset_std_phi) ** 2
         bad = np.array([config.sensor_prior if f else 0.0 for f in self._faults])
         self._has_leak = np.array([fault == LEAK for fault in self._faults])
@@ -196,9 +195,8 @@ class CatalystRule:
 
     def sensor(self) -> Claim:
         """Return how the evidence stands for a faulty downstream sensor."""
-        each = dict.fromkeys(self._faults, -math.inf)
-        for fault, member in zip(self._faults, self._restricted(self._evidence), strict=True):
-            each[fault] = np.logaddexp(each[fault], _sum(member))
+        total, faults = self._restricted(self._evidence), np.array(self._faults)
+        each = {fault: _sum(total[faults == fault]) for fault in dict.fromkeys(self._faults)}
         sound = np.logaddexp(each.pop(""), each.pop(LEAK, -math.inf))
         return self._likeliest(each, float(sound))
 
@@ -212,7 +210,7 @@ class CatalystRule:
         odds = {
             "biased_lean": _sum(intact[:, :, self._lean_offset]),
             "biased_rich": _sum(intact[:, :, self._rich_offset]),
-            LEAK: _sum(leaking) if len(leaking) else -math.inf,
+            LEAK: _sum(leaking),
         }
         return self._likeliest(odds, _sum(intact[:, :, self._sound_offset]))
 
@@ -279,6 +277,5 @@ class CatalystRule:
 
 
 def _sum(log_weights: FloatArray) -> float:
-    """Return the logarithm of a sum."""
-    top = float(log_weights.max())
-    return top + math.log(float(np.exp(log_weights - top).sum()))
+    """Return the logarithm of a sum, minus infinity of none."""
+    return float(np.logaddexp.reduce(log_weights, axis=None))

@@ -229,7 +229,7 @@ class CatalystMonitor:
         return found | {
             "upstream_offset_lambda": round(-rule.offset(), 5),
             "upstream_offset_std": round(rule.offset_std(), 5),
-            "needed": round(rule.evidence_fail, 3),
+            "needed": round(self._settings.response.evidence_fail, 3),
         }
 
 

@@ -67,7 +67,6 @@ class Decisions:
         self._blind = {test for test in OF_MODEL if limits.trust.is_blind(test)}
         self._by_balance = False  # the balance has named the upstream sensor
         self._suspicious = False  # a window failed
-        self._windows, self._offset_sum = 0, 0.0  # of those that count for the bias rule
 
     @property
     def completed(self) -> bool:
@@ -115,9 +114,6 @@ class Decisions:
         yield judged
         self.store.report(self._results(response, bias))
         self._suspicious |= judged.outcome == "failed"
-        if not ignore:
-            self._windows += 1
-            self._offset_sum += facts.offset
         yield from self._counters.take("response", response, window.t_end_ns)
         if not self._by_balance:
             yield from self._counters.take("bias", bias, window.t_end_ns)
@@ -133,12 +129,12 @@ class Decisions:
     @property
     def seen(self) -> Seen | None:
         """Return the lesson for the vehicle's reference, None if anything was suspicious."""
-        enough = self._windows >= self._config.bias.reference_windows
+        enough = self._bias.windows >= self._config.bias.reference_windows
         sound = self._counters.debounce["response"].passed and not self._suspicious
         if self._transform != "phi" or not (enough and sound) or self.store.fault_flag:
             return None
         gain = self.facts.response.drive_gain / self._limits.gain_model
-        return Seen(self._offset_sum / self._windows, gain)
+        return Seen(self._bias.total / self._bias.windows, gain)
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
         """Let the rules of plug-ins judge a window."""

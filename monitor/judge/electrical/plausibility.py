@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -250,12 +251,10 @@ class ActivityTest:
             if not is_active:
                 self._wait(measured[first:end])
                 continue
-            begin = first
-            while begin < end:
-                stop = min(begin + self._n - self._count, end)
+            edges = [first, *range(first + self._n - self._count, end, self._n), end]
+            for begin, stop in pairwise(edges):
                 self._see(measured[begin:stop])
                 self._count += stop - begin
-                begin = stop
                 if self._count == self._n:
                     judged = self._judged(measured.item(stop - 1))
                     self._begin()

@@ -65,16 +65,11 @@ class MovementRule:
         is_cut : windows around fuel cuts; in air a healthy reading, too, repeats itself, so they
             tell nothing of holds
         """
-        dead = self.dead_ratios(measured, healthy, is_cut=is_cut)
+        needed, bound = self._needed, self._config.bound
+        dead = self._dead_ratios(measured, healthy, is_cut=is_cut)
         holds = np.zeros(len(dead)) if is_cut else self._hold_ratios(measured, healthy)
-        return self._summed(dead, holds, no_evidence)
-
-    def _summed(self, dead: FloatArray, holds: FloatArray, no_evidence: BoolArray) -> list[Moved]:
-        """Add the evidence of windows, (w,); return the finding after each.
-
-        The sums count decisions: a window counts half of one at most, and halves have no rounding.
-        """
-        found, needed, bound = [], self._needed, self._config.bound
+        found = []
+        # the sums count decisions: a window counts half of one at most, and halves do not round
         each = zip((dead / needed).tolist(), (holds / needed).tolist(), no_evidence, strict=True)
         for gone, held, skip in each:
             if not skip:
@@ -84,16 +79,11 @@ class MovementRule:
             found.append(Moved(fault, self._dead * needed, self._holds * needed))
         return found
 
-    def dead_ratios(
-        self, measured: FloatArray, healthy: FloatArray, *, is_cut: bool = False
+    def _dead_ratios(
+        self, measured: FloatArray, healthy: FloatArray, *, is_cut: bool
     ) -> FloatArray:
-        """Return the log likelihood ratio of each window, (w,), limited to half a decision at most.
-
-        measured, healthy : (w, n) as in ``judge``
-        is_cut : windows around fuel cuts
-        """
-        config, n = self._config, measured.shape[1]
-        error_var = self._noise_var
+        """Return the log likelihood ratio of each window, (w,), limited to half a decision."""
+        config, n, error_var = self._config, measured.shape[1], self._noise_var
         own = measured.var(axis=1)
         moves = np.maximum(healthy.var(axis=1) - config.error_share * error_var, 0.0)
         least = self._quantum**2

@@ -195,7 +195,7 @@ def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades
         rule._close()
         odds.append(rule.sensor().log_odds)
     # THEN the claim stays open however long the drive is, unless nothing fades
-    assert (max(odds) < rule.evidence_fail) is fades
+    assert (max(odds) < config.shipped().response.evidence_fail) is fades
     assert odds[-1] > odds[0]
 
 
