@@ -77,16 +77,12 @@ def run(args: TablesCommand) -> int:
     strict, rough = config.defaults(), config.rough()
     made = tables.tables(fitted, axes, rough if args.rough else strict)
     beside = [] if args.rough else tables.tables(fitted, axes, rough)
-    names = [r.path.name for r in recordings]
     sources = [
         {"path": str(r.path), "sha256": r.sha256, "start": start and start.isoformat()}
         for r, start in ((r, start_of(r.begin_ns, r.path)) for r in recordings)
     ]
-    steady = fitted.parameters.fuel
     notes = {
-        "the logs' steady balance": balance.balance_text(steady, absolute=subject.absolute_air)
-        if steady is not None and signals.PULSE in subject.known
-        else "",
+        "the logs' steady balance": balance.balance_text(fitted.parameters),
         "the tune's injectors": msq.injectors_text(args.axes, args.displacement_l, args.cylinders)
         if args.axes is not None
         else "",
@@ -94,7 +90,7 @@ def run(args: TablesCommand) -> int:
     }
     notes = {what: text for what, text in notes.items() if text}
     files.write_files(args.out, made, recordings=sources, notes=notes)
-    page.write_report(args.out / "report.html", fitted, made, names, notes)
+    page.write_report(args.out / "report.html", fitted, made, notes)
     for line in [*summary(made, beside), *(f"{what}: {text}" for what, text in notes.items())]:
         print(line)
     print(f"{args.out / 'report.html'}: {subject.samples} usable samples, {subject.air.value}")

@@ -16,7 +16,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.ecu_tables.config import defaults
 from training.ecu_tables.parameters import FUEL, Balance, Parameters, Vector
 from training.ecu_tables.prediction import air_mg, injected_mg
-from training.ecu_tables.signals import TableDrive
+from training.ecu_tables.signals import PULSE, TableDrive
 from training.greybox.chain import STOICHIOMETRIC
 from training.greybox.fit.drive import block_numbers
 
@@ -89,13 +89,14 @@ def balance(p: Parameters) -> Balance:
     return Balance(x[fuel], np.asarray(covariance[fuel, fuel], float), len(block) * period_s)
 
 
-def balance_text(fitted: Balance, *, absolute: bool) -> str:
-    """Return dead time, and flow of ``absolute`` air, with 90 % intervals; "" if never steady."""
-    if not fitted.seconds:
+def balance_text(p: Parameters) -> str:
+    """Return dead time, and flow of absolute air, with 90 % intervals; "" if none is known."""
+    fitted = p.fuel
+    if fitted is None or not fitted.seconds or PULSE not in p.subject.known:
         return ""
     half = defaults().z90 * np.sqrt(np.diag(fitted.covariance))
     both = [np.exp(fitted.mean + sign * half) for sign in (0.0, -1.0, 1.0)]
     flow, dead = ([plain(v[k], 3) for v in both] for k in (0, 1))
-    told = f"flow {flow[0]} mg/ms ({flow[1]} to {flow[2]}), " if absolute else ""
+    told = f"flow {flow[0]} mg/ms ({flow[1]} to {flow[2]}), " if p.subject.absolute_air else ""
     told += f"dead time {dead[0]} ms ({dead[1]} to {dead[2]}) at 14 V"
     return f"{told}, from {fitted.seconds:.0f} steady seconds"

@@ -90,29 +90,20 @@ def _constants(path: Path) -> dict[str, ElementTree.Element]:
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
     try:
-        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tune(path)))
+        root = ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tune()))
     except ElementTree.ParseError as error:
         raise UsageError(f"{path}: no tune in XML: {error}") from None
-    if _plain(root.tag) != "msq":
-        raise UsageError(f"{path}: the root is <{_plain(root.tag)}>, a tune's is <msq>")
-    constants = (each for each in root.iter() if _plain(each.tag) == "constant")
-    return {each.get("name", ""): each for each in constants}
-
-
-def _plain(tag: str) -> str:
-    return tag.rpartition("}")[2]
+    if (tag := root.tag.rpartition("}")[2]) != "msq":
+        raise UsageError(f"{path}: the root is <{tag}>, a tune's is <msq>")
+    return {each.get("name", ""): each for each in root.iterfind(".//{*}constant")}
 
 
 class _Tune(ElementTree.TreeBuilder):
     """The elements of a tune, which declares no document type and so no entities."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self._path = path
-
     def doctype(self, *_: object) -> None:
         """Refuse the file."""
-        raise UsageError(f"{self._path}: a tune has no document type declaration")
+        raise ElementTree.ParseError("it has a document type declaration")
 
 
 def _axis(path: Path, constant: ElementTree.Element) -> tuple[float, ...]:

@@ -48,28 +48,27 @@ def write_report(
     path: Path,
     fitted: FittedTables,
     tables: Sequence[EcuTable],
-    names: Sequence[str],
     notes: Mapping[str, str],
 ) -> None:
     """Write the page of tables, the lambda delay first, with notes (what → text) beside them."""
     subject = fitted.parameters.subject
     filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
+    share = f"{sum(filled.values())} of {sum(t.estimate.size for t in tables)}"
+    share += " cells of all tables are filled"
+    verdict, confidence = _told(tables[0])
     text = page(
         "ecu_tables.html",
         "Tables from recordings",
-        verdict=_verdict(tables),
-        confidence=_confidence(tables),
+        verdict=verdict,
+        confidence=f"{confidence}; {share}.",
         tables=tables,
         filled=filled,
         heading=heading,
         heat=heat,
         legs=plan(tables),
         subject=subject,
-        minutes=subject.seconds / 60.0,
         sigma=fitted.sigma,
-        recordings=names,
         notes=notes,
-        seconds=lambda t: float(t.seconds.sum()),
     )
     write_text(path, text)
 
@@ -81,24 +80,18 @@ def heading(table: EcuTable) -> str:
     return TITLES[table.name] + at
 
 
-def _verdict(tables: Sequence[EcuTable]) -> str:
-    good = tables[0].estimate[np.isfinite(tables[0].estimate)]
-    if len(good) == 0:
-        return "The recordings do not tell the lambda delay of any cell."
-    low, high = 1000.0 * good.min(), 1000.0 * good.max()
-    cells = counted(len(good), "cell")
-    return f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank: not known well enough."
-
-
-def _confidence(tables: Sequence[EcuTable]) -> str:
-    """Return how narrow the intervals of the lambda delay are, and how many cells are blank."""
-    delay, at = tables[0], np.isfinite(tables[0].estimate)
-    filled = sum(int(np.isfinite(t.estimate).sum()) for t in tables)
-    share = f"{filled} of {sum(t.estimate.size for t in tables)} cells of all tables are filled"
+def _told(delay: EcuTable) -> tuple[str, str]:
+    """Return between which values the lambda delay lies, and how narrow its intervals are."""
+    at = np.isfinite(delay.estimate)
     if not at.any():
-        return f"none for the delay; {share}."
+        return "The recordings do not tell the lambda delay of any cell.", "none for the delay"
+    low, high = 1000.0 * delay.estimate[at].min(), 1000.0 * delay.estimate[at].max()
     half_ms = 1000.0 * float(np.median((delay.high - delay.low)[at])) / 2.0
-    return f"a cell's delay is known to ±{half_ms:.0f} ms in the median (90 % interval); {share}."
+    cells = counted(int(at.sum()), "cell")
+    return (
+        f"Lambda delay {low:.0f} to {high:.0f} ms in {cells}; blank: not known well enough.",
+        f"a cell's delay is known to ±{half_ms:.0f} ms in the median (90 % interval)",
+    )
 
 
 def heat(table: EcuTable) -> Heat:

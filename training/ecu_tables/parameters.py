@@ -8,7 +8,7 @@ smooth Gaussian prior. The knots follow the drives and not the axes of a table, 
 of a cell does not depend on how fine the table is.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from typing import Final, NamedTuple
@@ -16,10 +16,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from monitor.base.types import FloatArray
-from training.ecu_tables.signals import Air, TableDrive, TableSubject
-from training.greybox.chain import KG_H_PER_MG_RPM
+from training.ecu_tables.signals import Air, TableSubject
 from training.greybox.quantity.dual import Dual, ParameterGroup
-from training.greybox.quantity.value import Quantity, cells, clip, exp, maximum, tanh
+from training.greybox.quantity.value import Quantity, cells, clip, exp, knots_over, maximum, tanh
 from training.recordings.ecu_table import KPA
 
 FLOW_REFERENCE_KG_H: Final = 40.0
@@ -31,7 +30,7 @@ LOG_TIME, LOG_TIME_SPAN = -0.8, 1.8  # a film evaporates within 0.07 to 2.7 s, n
 KNOTS: Final = 5  # of a field, in each direction
 REACH: Final = 1.2  # knots: length over which the prior holds neighbours together
 NUGGET: Final = 0.02  # of the prior's variance, that no neighbour shares
-EDGES: Final = (1.0, 99.0)  # percentiles of the samples between which the knots stand
+EDGES: Final = (0.01, 0.99)  # quantiles of the samples between which the knots stand
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +60,8 @@ class Grid:
 
 def grid_over(rpm: FloatArray, load: FloatArray, knots: int = KNOTS) -> Grid:
     """Return ``knots`` in each direction over the places (n,) that the drives visit."""
-    return Grid(_knots(rpm, knots), _knots(load, knots))
-
-
-def _knots(values: FloatArray, number: int) -> FloatArray:
-    low, high = np.percentile(np.log(np.maximum(values, 1.0)), EDGES)
-    return np.linspace(low, max(high, low + 0.1), number)
+    both = (np.log(np.maximum(each, 1.0)) for each in (rpm, load))
+    return Grid(*(knots_over(each, knots, EDGES, 0.1) for each in both))
 
 
 SCALARS: Final = {  # constant → mean and standard deviation of its prior
@@ -161,19 +156,18 @@ class Vector:
     p: Parameters
     x: FloatArray
     moving: bool = False
-    _groups: dict[str, ParameterGroup] = field(default_factory=dict, init=False)
 
     def __getitem__(self, constant: str) -> Quantity:
         return self._dual(constant, float(self.x[self.p.at[constant].start]))
 
-    def field(self, name: str, shares: FloatArray) -> Quantity:
-        """Return one field (n,) at places with these shares (n, size) of its knots."""
-        return self._dual(name, shares @ self.x[self.p.at[name]], shares)
+    def field(self, name: str, at: "Point") -> Quantity:
+        """Return one field (n,) at places."""
+        return self._dual(name, at.shares @ self.x[self.p.at[name]], at.shares)
 
     def _dual(self, name: str, value: Quantity, shares: FloatArray | None = None) -> Quantity:
         if not self.moving:
             return value
-        return Dual(value, {self._groups.setdefault(name, ParameterGroup(name, shares)): 1.0})
+        return Dual(value, {ParameterGroup(name, shares): 1.0})
 
 
 class Point(NamedTuple):
@@ -183,17 +177,12 @@ class Point(NamedTuple):
     load: FloatArray
     flow_kg_h: FloatArray  # of the exhaust
     cold: FloatArray
+    shares: FloatArray  # (n, size) of the fields' knots
 
 
-def point_of(drive: TableDrive, charge_mg: FloatArray) -> Point:
-    """Return the operating points of a drive's samples with this charge (n,) in the cylinders."""
-    flow = charge_mg * drive.rpm * KG_H_PER_MG_RPM * drive.cylinders
-    return Point(drive.rpm, drive.load, np.maximum(flow, FLOW_LEAST_KG_H), drive.cold)
-
-
-def delay_s(v: Vector, at: Point, field: Quantity) -> Quantity:
+def delay_s(v: Vector, at: Point) -> Quantity:
     """Return the dead time from injection to sensor in s at steady operating points."""
-    return near_delay_s(v, at) + pipe_kg_h_s(v, field) / gas_flow(v, at)
+    return near_delay_s(v, at) + pipe_kg_h_s(v, at) / gas_flow(v, at)
 
 
 def gas_flow(v: Vector, at: Point) -> Quantity:
@@ -212,14 +201,9 @@ def near_delay_s(v: Vector, at: Point) -> Quantity:
     return maximum(v["delay_s"] + revolutions, 0.0)
 
 
-def pipe_kg_h_s(v: Vector, field: Quantity) -> Quantity:
+def pipe_kg_h_s(v: Vector, at: Point) -> Quantity:
     """Return the gas between valve and sensor as flow times time, in s kg/h."""
-    return exp(v["delay_flow"] + field)
-
-
-def mixing_s(v: Vector, at: Point, field: Quantity) -> Quantity:
-    """Return the lag of the mixed exhaust volume in s."""
-    return exp(v["mixed_flow"] + field) / gas_flow(v, at)
+    return exp(v["delay_flow"] + v.field("delay", at))
 
 
 def sensor_s(v: Vector, flow_kg_h: FloatArray) -> Quantity:
@@ -229,15 +213,16 @@ def sensor_s(v: Vector, flow_kg_h: FloatArray) -> Quantity:
     return exp(v["sensor_s"]) * (1.0 + share * (falls - 1.0))
 
 
-def lag_s(v: Vector, at: Point, field: Quantity) -> Quantity:
-    """Return the lags of mixing and sensor together in s."""
-    sensor = sensor_s(v, at.flow_kg_h) * exp(field)
-    return mixing_s(v, at, field) + sensor
+def lags_s(v: Vector, at: Point) -> tuple[Quantity, Quantity]:
+    """Return the lags of the mixed exhaust volume and of the sensor in s."""
+    field = v.field("lag", at)
+    mixing_s = exp(v["mixed_flow"] + field) / gas_flow(v, at)
+    return mixing_s, sensor_s(v, at.flow_kg_h) * exp(field)
 
 
-def film_odds(v: Vector, at: Point, field: Quantity) -> Quantity:
+def film_odds(v: Vector, at: Point) -> Quantity:
     """Return the log odds of the fraction of the fuel that wets the wall."""
-    return v["film"] + _law(v, "film", at) + field
+    return v["film"] + _law(v, "film", at) + v.field("share", at)
 
 
 def share_of(odds: Quantity) -> Quantity:
@@ -245,9 +230,9 @@ def share_of(odds: Quantity) -> Quantity:
     return SHARE_MOST / (1.0 + exp(-odds))
 
 
-def film_level(v: Vector, at: Point, field: Quantity) -> Quantity:
+def film_level(v: Vector, at: Point) -> Quantity:
     """Return the logarithm of the film's time constant as if it had no limits, scaled."""
-    free = v["time"] + _law(v, "time", at) + field
+    free = v["time"] + _law(v, "time", at) + v.field("tau", at)
     return (free - LOG_TIME) / LOG_TIME_SPAN
 
 

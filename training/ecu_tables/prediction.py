@@ -11,7 +11,7 @@ from monitor.base.types import FloatArray
 from training.ecu_tables import parameters as laws
 from training.ecu_tables.parameters import Parameters, Point, Vector
 from training.ecu_tables.signals import PULSE, Air, TableDrive
-from training.greybox.chain import Path, simulate
+from training.greybox.chain import KG_H_PER_MG_RPM, Path, simulate
 from training.greybox.quantity.dual import Dual, moved, value_of
 from training.greybox.quantity.dynamics import ramp_lag
 from training.greybox.quantity.value import Quantity, exp, maximum
@@ -25,31 +25,30 @@ class PredictionCase:
 
     drive: TableDrive
     point: Point
-    shares: FloatArray  # (n, size) of the fields' knots
 
     @staticmethod
     def of(drive: TableDrive, p: Parameters) -> "PredictionCase":
         """Return the case of a drive."""
-        point = laws.point_of(drive, air_mg(Vector(p, p.mean()), drive))
-        return PredictionCase(drive, point, p.grid.shares(drive.rpm, drive.load))
+        flow = air_mg(Vector(p, p.mean()), drive) * drive.rpm * KG_H_PER_MG_RPM * drive.cylinders
+        shares, kg_h = p.grid.shares(drive.rpm, drive.load), np.maximum(flow, laws.FLOW_LEAST_KG_H)
+        return PredictionCase(drive, Point(drive.rpm, drive.load, kg_h, drive.cold, shares))
 
 
 def reading(v: Vector, case: PredictionCase) -> Quantity:
     """Return the predicted phi of the sensor (n,)."""
-    d, at, shares = case.drive, case.point, case.shares
-    gain, delay, lag, share, tau = (v.field(name, shares) for name in laws.FIELD_SD)
+    d, at = case.drive, case.point
     fuel = injected_mg(v, d)
-    landed = fuel * laws.share_of(laws.film_odds(v, at, share))
-    film_s, strokes = laws.time_of(laws.film_level(v, at, tau)), d.rpm / 30.0
+    landed = fuel * laws.share_of(laws.film_odds(v, at))
+    film_s, strokes = laws.time_of(laws.film_level(v, at)), d.rpm / 30.0
     film_mg = ramp_lag(landed * strokes * film_s, film_s, d.period_s)
-    pipe_s = _pipe_s(laws.gas_flow(v, at), laws.pipe_kg_h_s(v, delay), d.period_s)
-    sensor_s = laws.sensor_s(v, at.flow_kg_h) * exp(lag)
+    pipe_s = _pipe_s(laws.gas_flow(v, at), laws.pipe_kg_h_s(v, at), d.period_s)
+    mixing_s, sensor_s = laws.lags_s(v, at)
     path = Path(
         fuel_mg=fuel - landed + film_mg / (film_s * strokes),
         air_mg=air_mg(v, d),
-        factor=exp(gain),
+        factor=exp(v.field("gain", at)),
         dead_time_s=laws.near_delay_s(v, at) + pipe_s,
-        mixing_s=laws.mixing_s(v, at, lag),
+        mixing_s=mixing_s,
         sensor_rising_s=sensor_s,
         sensor_falling_s=sensor_s,
         span=v["span"],

@@ -63,6 +63,14 @@ class Air(StrEnum):
         return "density" if self in (Air.SPEED_DENSITY, Air.SPEED_DENSITY_VE) else "meter"
 
 
+AIR_NEEDS: Final = {  # the best first
+    Air.STROKE: (MG_PER_STROKE,),
+    Air.SPEED_DENSITY_VE: (KPA, "volumetric_efficiency_percent"),
+    Air.SPEED_DENSITY: (KPA,),
+    Air.METER: ("maf_kg_h",),
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableDrive:
     """One recording on its grid; every array has shape (n,)."""
@@ -146,7 +154,7 @@ def subject_of(
     for needed in NEEDED:
         if known.isdisjoint(needed):
             raise RecordingError(f"{recordings[0].path}: tables need {' or '.join(needed)}")
-    air = _air_of(known)
+    air = next(air for air, signals in AIR_NEEDS.items() if known.issuperset(signals))
     load = load or (KPA if KPA in known else MG_PER_STROKE)
     if load == KPA and KPA not in known:
         raise RecordingError(f"{recordings[0].path}: a load axis in kPa needs {KPA}")
@@ -168,15 +176,6 @@ def rejected_text(drives: Sequence[TableDrive]) -> str:
     for drive in drives:
         total.update(drive.rejected)
     return ", ".join(f"{number} where {why}" for why, number in total.most_common() if number)
-
-
-def _air_of(known: Collection[str]) -> Air:
-    if MG_PER_STROKE in known:
-        return Air.STROKE
-    if KPA not in known:
-        return Air.METER
-    has_ve = "volumetric_efficiency_percent" in known
-    return Air.SPEED_DENSITY_VE if has_ve else Air.SPEED_DENSITY
 
 
 def _drive(

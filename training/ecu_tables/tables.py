@@ -5,7 +5,7 @@ recordings say nothing about it. The bounds hold the fit's covariance, widened b
 table that stands in the settings: it was set on simulated vehicles of its own.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -17,7 +17,7 @@ from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Parameters, Point, Vector
-from training.ecu_tables.signals import PULSE, WARM_DEGC
+from training.ecu_tables.signals import PULSE, RPM_LEAST, WARM_DEGC
 from training.greybox.quantity.value import Quantity, log
 from training.recordings.ecu_table import (
     COOLANT_BANDS,
@@ -29,11 +29,11 @@ from training.recordings.ecu_table import (
 )
 
 Cells = Callable[[Vector], Quantity]  # parameters → each cell on its free scale
-LAWS: Final = {  # table → field, law
-    "lambda_delay": ("delay", laws.delay_s),
-    "lambda_lag": ("lag", laws.lag_s),
-    "wall_film_fraction": ("share", laws.film_odds),
-    "wall_film_time": ("tau", laws.film_level),
+LAWS: Final[Mapping[str, Callable[[Vector, Point], Quantity]]] = {  # of each table
+    "lambda_delay": laws.delay_s,
+    "lambda_lag": lambda v, at: sum(laws.lags_s(v, at)),
+    "wall_film_fraction": laws.film_odds,
+    "wall_film_time": laws.film_level,
 }
 LINKS: Final = {"wall_film_fraction": laws.share_of, "wall_film_time": laws.time_of}  # else exp
 FILM_LEAST: Final = 0.04  # fraction below which no time constant can be told
@@ -110,14 +110,13 @@ def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[
 def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
     """Return delay, lag and wall film over speed and load, the injectors, the sensor's lag."""
     at = (axes.speed.nearest(samples.rpm), axes.load.nearest(samples.load))
+    nodes = _nodes(p, axes, samples, at)
 
     def law(name: str, unit: str, cold: float, *counted: Any) -> _Law:
-        point = _nodes(axes, samples, at, cold)
-        shares = p.grid.shares(point.rpm, point.load)
-        field, of = LAWS[name]
+        point = nodes._replace(cold=np.full(len(nodes.rpm), cold))
 
         def cells(v: Vector) -> Quantity:
-            value = of(v, point, v.field(field, shares))
+            value = LAWS[name](v, point)
             return value if name in LINKS else log(value)
 
         return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
@@ -150,9 +149,10 @@ def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[
     return [dead, flow] if p.subject.absolute_air else [dead]
 
 
-def _nodes(axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...], cold: float) -> Point:
-    """Return the operating points of the cells, flat; the charge of a cell is its samples' own."""
-    rpm, load = (m.ravel() for m in np.meshgrid(axes.speed.values, axes.load.values, indexing="ij"))
+def _nodes(p: Parameters, axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...]) -> Point:
+    """Return the warm points of the cells, flat; the charge of a cell is its samples' own."""
+    speeds = np.maximum(axes.speed.values, RPM_LEAST)
+    rpm, load = (m.ravel() for m in np.meshgrid(speeds, axes.load.values, indexing="ij"))
     cell = np.ravel_multi_index(at, (len(axes.speed.values), len(axes.load.values)))
     usual = float(np.median(samples.per_load))
     per_load = np.full(len(rpm), usual)
@@ -160,7 +160,7 @@ def _nodes(axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...], cold
         for k in np.unique(cell):
             per_load[k] = np.median(samples.per_load[cell == k])
     flow = np.maximum(per_load * rpm * load, laws.FLOW_LEAST_KG_H)
-    return Point(rpm, load, flow, np.full(len(rpm), cold))
+    return Point(rpm, load, flow, np.zeros(len(rpm)), p.grid.shares(rpm, load))
 
 
 def _cells(law: _Law, fitted: FittedTables, seen: CellSamples, config: TablesConfig) -> _Cells:

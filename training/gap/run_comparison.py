@@ -24,8 +24,9 @@ from training.gap.name.verdict import Answer, BlockError, Naming, Trials, Verdic
 from training.gap.response.difference import Difference, difference_of
 from training.gap.response.reference import ResponseReference
 from training.gap.result import Inputs, Result
-from training.greybox.effects import ALL
-from training.greybox.fit.drive import AFTER_CUT_S, AFTER_GAP_S, ChainDrive, Comparison, make, until
+from training.greybox.chain import RECOVERY_S
+from training.greybox.effects import LIBRARY
+from training.greybox.fit.drive import AFTER_GAP_S, ChainDrive, Comparison, make, until
 from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
@@ -74,7 +75,7 @@ def investigate(
         naming=Naming(
             verdict=verdict,
             answer=Answer(suspected=suspected),
-            trials=Trials(skipped={e.name: tuple(missing) for e in ALL} if missing else {}),
+            trials=Trials(skipped=dict.fromkeys(LIBRARY, tuple(missing)) if missing else {}),
             base=None,
             error=BlockError(before=error, after=None, floor=reference.error, explained_share=nan),
             warnings=(f"{_untried(missing)}; the verdict is by a comparison of runs",),
@@ -132,7 +133,7 @@ def _drive(recording: Recording, card: ModelCard) -> ChainDrive:
     if "fuel_cut" in present or "fuel_mass_mg" in present:
         return drive
     lean = drive.phi_measured < LIMITS.lean_phi
-    cut = until(lean, AFTER_CUT_S, drive.period_s)
+    cut = until(lean, RECOVERY_S, drive.period_s)
     before = until(lean[::-1], LIMITS.before_cut_s, drive.period_s)[::-1]
     return replace(drive, scored=drive.scored & ~cut & ~before)
 

@@ -12,20 +12,17 @@ samples with a warm brick, at moderate flow, and ``SETTLE_S`` after a break coun
 are those of a sandwich over blocks of ``BLOCK_S``, since errors of the model repeat within a block.
 """
 
-import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.optimize import least_squares
 
-from monitor.base.config import CatalystConfig, shipped
+from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
-from monitor.base.files.outputs import write_text
 from monitor.base.types import BoolArray, FloatArray
 from training.greybox.fit.constants import sandwich
 from training.greybox.fit.drive import block_numbers, until
@@ -186,19 +183,15 @@ def drive_of(recording: "Recording") -> CatalystDrive:
     good = np.asarray(np.isfinite(columns).all(axis=1))
     measured_v, lambda_, maf_kg_h = (hold(np.where(good, column, np.nan)) for column in columns.T)
     air_g_s = maf_kg_h / 3.6
-    counts = good & _warm(recording, config) & (air_g_s <= config.flow_most_g_s)
+    warm = recording.t_s >= config.warm_up_s
+    if "catalyst_temperature_degc" in recording.known:
+        degc = recording.column("catalyst_temperature_degc")
+        warm = np.where(np.isfinite(degc), degc >= config.warm_degc, warm)
+    counts = good & warm & (air_g_s <= config.flow_most_g_s)
     counts &= ~until(~good, SETTLE_S, period_s)
     counts[: round(SETTLE_S / period_s) + 1] = False
     x = 1.0 - 1.0 / np.maximum(lambda_, 0.1)
     return CatalystDrive(recording.path.name, period_s, x, air_g_s, measured_v, counts)
-
-
-def _warm(recording: "Recording", config: CatalystConfig) -> BoolArray:
-    run = recording.t_s >= config.warm_up_s
-    if "catalyst_temperature_degc" not in recording.known:
-        return np.asarray(run)
-    degc = recording.column("catalyst_temperature_degc")
-    return np.where(np.isfinite(degc), degc >= config.warm_degc, run)
 
 
 def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) -> FittedCatalyst:
@@ -209,9 +202,8 @@ def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) ->
         raise RecordingError(
             f"{names}: {n} samples with a warm catalyst, at least {SAMPLES_LEAST} are wanted"
         )
-    low, high = (
-        _transformed([getattr(r, end) for r in RANGES.values()]) for end in ("low", "high")
-    )
+    _, *ends, _ = zip(*RANGES.values(), strict=True)
+    low, high = map(_transformed, ends)
 
     def residual(theta: FloatArray) -> FloatArray:
         c = _constants(theta)
@@ -265,8 +257,3 @@ def _transformed(values: Sequence[float]) -> FloatArray:
 def _constants(theta: FloatArray) -> Catalyst:
     pairs = zip(theta.tolist(), IS_LOG, strict=True)
     return Catalyst(*(math.exp(v) if log else v for v, log in pairs))
-
-
-def write(path: Path, fitted: FittedCatalyst, further: Mapping[str, Any]) -> None:
-    """Write constants, errors and fit as JSON."""
-    write_text(path, json.dumps(fitted.tree() | dict(further), indent=1) + "\n")

@@ -20,7 +20,7 @@ PHI_VALVE_MOST = 3.0
 CYLINDERS = 4  # between air meter, charge and engine speed; for another number constants differ
 KG_H_PER_MG_RPM = 60.0e-6 / 2.0  # of one cylinder, four strokes
 MG_RPM_PER_KG_H = 1.0 / (KG_H_PER_MG_RPM * CYLINDERS)
-RECOVERY_S = 2.0  # after fuel cut, before a sample counts
+RECOVERY_S = 2.0  # after fuel cut, until transport, mixing and sensor have passed on phi = 0
 
 
 class Constants(NamedTuple):

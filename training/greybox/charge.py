@@ -28,7 +28,7 @@ from training.greybox.fit import ridge
 from training.greybox.fit.constants import STARTS, Fitted, Report, fit_constants, nobody, part
 from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, path_of
 from training.greybox.quantity.dynamics import lag
-from training.greybox.quantity.value import Quantity, bilinear, cells, clip, maximum
+from training.greybox.quantity.value import Quantity, bilinear, cells, clip, knots_over, maximum
 
 INPUTS: Final = (  # of a map
     "fuel_mass_mg",
@@ -37,7 +37,6 @@ INPUTS: Final = (  # of a map
     "engine_speed_rpm",
 )
 MAP_KNOTS, ERROR_KNOTS = (5, 6), (4, 4)
-RANGE: Final = (0.005, 0.995)  # quantiles between which the knots are spread evenly
 MAP_ROUNDS, ERROR_ROUNDS = 3, 2  # of map and constants in turn
 TEMPERATURE_LEAST_K: Final = 200.0
 MG_K_PER_KPA: Final = 1742.0  # of 0.5 l of air, by p V = m R T; for another the efficiency differs
@@ -149,20 +148,12 @@ def fit_with_error(drive: ChainDrive, report: Report = nobody) -> tuple[Fitted, 
 def _flat(drive: ChainDrive) -> ChargeMap:
     """Return the map of one efficiency with which phi is right in the mean."""
     signals = {name: drive.signals[name][drive.scored] for name in INPUTS}
-    speeds = _knots(signals["engine_speed_rpm"], MAP_KNOTS[0])
-    pressures = _knots(signals["manifold_pressure_kpa"], MAP_KNOTS[1])
+    both = signals["engine_speed_rpm"], signals["manifold_pressure_kpa"]
+    speeds, pressures = map(knots_over, both, MAP_KNOTS)
     full = STOICHIOMETRIC * signals["fuel_mass_mg"] / dense_mg(signals)
     measured = drive.phi_measured[drive.scored]
     level = float(measured.mean() / full.mean()) if len(full) else 1.0
     return ChargeMap(speeds, pressures, np.full((len(speeds), len(pressures)), level))
-
-
-def _knots(values: FloatArray, n: int) -> FloatArray:
-    """Return ``n`` knots, evenly spaced over nearly all values."""
-    if not len(values):
-        return np.arange(2.0)
-    low, high = np.quantile(values, RANGE)
-    return np.linspace(low, max(high, low + 1.0), n)
 
 
 def _carried(drive: ChainDrive, path: Path, shares: FloatArray) -> FloatArray:
@@ -195,7 +186,7 @@ def _error(constants: Constants, drive: ChainDrive) -> ChargeError | None:
     scored, period_s = drive.scored, drive.period_s
     path = path_of(drive, constants._replace(span=1.0))
     speed, air = drive.signals["engine_speed_rpm"], charge_mg(drive.signals)
-    knots = _knots(speed[scored], ERROR_KNOTS[0]), _knots(air[scored], ERROR_KNOTS[1])
+    knots = knots_over(speed[scored], ERROR_KNOTS[0]), knots_over(air[scored], ERROR_KNOTS[1])
     shares = cells(speed, air, knots)
     target = _gas(drive, constants) - simulate(path, period_s)[scored]
     fold = (np.flatnonzero(scored) // round(BLOCK_S / period_s)) % FOLDS

@@ -101,7 +101,7 @@ def fit_greybox(
         fitted, charge["charge_error"] = fit_with_error(drive, progress)
     else:
         fitted = fit_constants(drive, report=progress)
-    greybox = replace(greybox, constants=fitted.constants, own=own, **charge).with_register()
+    greybox = replace(greybox, constants=fitted.constants, own=own, **charge)
     predicted = _free_run(data, u, greybox)
     card = _card(greybox, fitted, data, predicted)
     write(out, build(greybox), card)

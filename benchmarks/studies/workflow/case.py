@@ -38,7 +38,7 @@ from training.gap.result import Result
 from training.gap.verify.evidence import Detection, Verification
 from training.gap.verify.verification import free_runs
 from training.gap.workflow import investigate
-from training.greybox.effects import ALL
+from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import from_recording
 from training.greybox.model import fit_greybox
 from training.healthy import base, scoring, yardstick
@@ -55,7 +55,7 @@ LAGS: Final = 5
 HIDDEN: Final = (8, 8)
 RANKED: Final = 5  # number of candidates that a row keeps of the last naming step
 # The workflow adds these fault-like effects only if they are listed; every case lists them.
-ADD: Final = tuple(effect.name for effect in ALL if effect.tag == "fault-like")
+ADD: Final = tuple(effect.name for effect in LIBRARY.values() if effect.tag == "fault-like")
 
 
 @dataclass(frozen=True, slots=True)

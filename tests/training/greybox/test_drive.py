@@ -20,7 +20,7 @@ def test_fuel_cut_and_the_recovery_from_it_are_not_scored() -> None:
     cut = signals["fuel_mass_mg"] == 0.0
     assert not drive.scored[cut].any()
     first_after = int(np.flatnonzero(np.diff(cut.astype(int)) == -1)[0]) + 1
-    recovery = round(drives.AFTER_CUT_S / PERIOD_S)
+    recovery = round(drives.RECOVERY_S / PERIOD_S)
     assert not drive.scored[first_after : first_after + recovery].any()
     assert drive.scored[first_after + recovery]
 

@@ -32,8 +32,7 @@ def chain_with(effect: ModelEffect, reads: tuple[str, ...]) -> Greybox:
     """Return a chain with the effect, over the ranges of both drives."""
     inputs = tuple(dict.fromkeys((*inputs_of(plain().signals), *reads)))
     limits, effects = ranges_of(*inputs), (replace(effect, reads=reads),)
-    chain = Greybox(constants=CONSTANTS, limits=limits, period_s=PERIOD_S, effects=effects)
-    return chain.with_register()
+    return Greybox(constants=CONSTANTS, limits=limits, period_s=PERIOD_S, effects=effects)
 
 
 def run(greybox: Greybox, u: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import pytest
 from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.greybox.chain import Constants, Path, base_path, simulate
-from training.greybox.effects import ALL, LIBRARY, Effect
+from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.air import following
 
 BASE = Constants()
@@ -24,14 +24,14 @@ def _phi_change(name: str, *parameters: float, **changed: FloatArray) -> FloatAr
     return simulate(after, PERIOD_S) - simulate(before, PERIOD_S)
 
 
-@pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", LIBRARY.values(), ids=lambda e: e.name)
 def test_an_effect_of_no_size_changes_nothing(effect: Effect) -> None:
     path, after, _ = _with(effect.name, 0.0, *(p.start[0] for p in effect.parameters[1:]))
     for name in Path.__slots__:
         np.testing.assert_allclose(getattr(after, name), getattr(path, name))
 
 
-@pytest.mark.parametrize("effect", ALL, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", LIBRARY.values(), ids=lambda e: e.name)
 @pytest.mark.parametrize("bound", ["low", "high"])
 def test_an_effect_stays_finite_at_its_bounds(effect: Effect, bound: str) -> None:
     values = [getattr(p, bound) for p in effect.parameters]

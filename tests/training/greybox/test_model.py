@@ -76,14 +76,14 @@ def test_the_file_says_what_it_is(result: GreyboxResult) -> None:
     assert [r.samples > 5000 for r in card.recordings] == [True] * 3
 
 
-def test_a_card_rebuilds_its_graph(result: GreyboxResult) -> None:
-    again = Greybox.of(Model.load(result.path).card)
-    assert build(again) == build(result.greybox)
+def test_a_card_rebuilds_its_graph(result: GreyboxResult, dense: GreyboxResult) -> None:
+    for found in (result, dense):
+        assert build(Greybox.of(Model.load(found.path).card)) == build(found.greybox)
     with pytest.raises(ModelError, match="a narx model, a greybox is wanted"):
         Greybox.of(replace(result.card, kind="narx"))
-    with pytest.raises(ModelError, match="lacks part of its structure: 'inputs_low'"):
-        parts = {k: v for k, v in result.card.structure.items() if k != "inputs_low"}
-        Greybox.of(replace(result.card, structure=parts))
+    for damage in ({"inputs_low": [0.0]}, {"own": ["wall_film"]}, {"charge_map": {"now": 1}}):
+        with pytest.raises(ModelError, match="lacks part of its structure"):
+            Greybox.of(replace(result.card, structure={**result.card.structure, **damage}))
 
 
 @pytest.mark.parametrize("chain", ["result", "dense"])
@@ -228,15 +228,11 @@ def test_the_error_of_the_broadcast_charge_is_most_of_what_the_chain_misses(
     assert by_air["rmse_model_units"] < 1.5 * by_density["rmse_model_units"]
 
 
-def test_a_chain_with_its_own_charge_is_rebuilt_from_its_card(dense: GreyboxResult) -> None:
+def test_a_chain_with_its_own_charge_finds_gain_and_span(dense: GreyboxResult) -> None:
     assert dense.card.fit["test_enabled"]["correlation"] > 0.95
-    assert dense.fitted.constants.gain == pytest.approx(1.0, abs=1e-3)
-    assert dense.fitted.constants.span == pytest.approx(
-        vehicle.piece(VEHICLE).sensor_gain, abs=0.02
-    )
-    again = Greybox.of(Model.load(dense.path).card)
-    assert build(again) == build(dense.greybox)
-    assert again.charge_map is not None
+    found, gain = dense.fitted.constants, vehicle.piece(VEHICLE).sensor_gain
+    assert (found.gain, found.span) == (pytest.approx(1.0, 1e-3), pytest.approx(gain, abs=0.02))
+    assert dense.greybox.charge_map is not None
 
 
 @pytest.mark.parametrize("chain", ["result", "dense"])

@@ -17,8 +17,11 @@ def run(args: FitCommand) -> int:
 
     Raises UsageError or RecordingError (exit code 2).
     """
+    import json
+
     from monitor.base.errors import UsageError
-    from training.greybox.catalyst import drive_of, fit, write
+    from monitor.base.files.outputs import write_text
+    from training.greybox.catalyst import drive_of, fit
     from training.recordings.recording import check_each_once
 
     if args.out.suffix != ".json":
@@ -28,7 +31,8 @@ def run(args: FitCommand) -> int:
     recordings = [_load(path, args) for path in args.recordings]
     check_each_once(recordings)
     fitted = fit([drive_of(recording) for recording in recordings])
-    write(args.out, fitted, {"sha256": [recording.sha256 for recording in recordings]})
+    tree = fitted.tree() | {"sha256": [recording.sha256 for recording in recordings]}
+    write_text(args.out, json.dumps(tree, indent=1) + "\n")
     _print(args.out, fitted)
     return 0
 

@@ -79,7 +79,7 @@ def _extended(old: Greybox, added: Sequence[ModelEffect], ranges: Ranges) -> Gre
     wanted = dict.fromkeys(name for each in (*own, *added) for name in each.reads or ())
     further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
     limits = limits_of((*old.inputs, *further), old.limits, ranges)
-    return replace(old, limits=limits, effects=(*old.effects, *added)).with_register()
+    return replace(old, limits=limits, effects=(*old.effects, *added))
 
 
 def _card(

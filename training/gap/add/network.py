@@ -50,15 +50,13 @@ def add(
     difference = ChainDifference.beside(card, [*older, *added], chain, ranges)
     inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
     own, size, n_inputs = _network_of(model, card)
+    entries = [each.to_card(recordings) for each in difference.effects[len(older) :]]
     new = replace(
         card,
         inputs=_channels(card, inputs, ranges),
         state=replace(card.state, size=size + 1 + difference.n_states),
         recordings=tuple({r.sha256: r for r in (*card.recordings, *recordings)}.values()),
-        effects=(
-            *card.effects,
-            *(each.to_card(recordings) for each in difference.effects[len(older) :]),
-        ),
+        effects=(*card.effects, *entries),
         structure=dict(card.structure)
         | {"chain": difference.to_card(), "network_inputs": n_inputs, "network_state": size},
     )

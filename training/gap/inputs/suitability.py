@@ -12,7 +12,7 @@ from monitor.model.card import ModelCard
 from training.gap.config import CONFIG
 from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants, base_path, valve_phi
-from training.greybox.effects import ALL
+from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import MIN_SCORED_S, NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
@@ -154,7 +154,7 @@ def unlearned_effect_warnings(
     return [
         f"{effect.name}: healthy recordings lack {', '.join(sorted(set(effect.needs) - there))}, "
         "so its score is not held against what healthy drives show"
-        for effect in ALL
+        for effect in LIBRARY.values()
         if set(effect.needs) <= here and not set(effect.needs) <= there
     ]
 

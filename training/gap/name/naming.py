@@ -20,7 +20,7 @@ from training.gap.name.posterior import NONE, UNKNOWN, Posterior
 from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import Answer, Base, BlockError, Candidate, Naming, Round, Trials
 from training.greybox.chain import Constants
-from training.greybox.effects import ALL, Effect
+from training.greybox.effects import LIBRARY, Effect
 from training.greybox.fit.case import Case, Prior, Term
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import fit, held_out_rmse
@@ -56,7 +56,7 @@ def name(
     """
     progress("the base on the new drives")
     first = base_state(drives, known, known.base if known else reference)
-    skipped = {effect.name: missing for effect in ALL if (missing := _missing(effect, drives))}
+    skipped = {n: missing for n, e in LIBRARY.items() if (missing := _missing(e, drives))}
     candidates: list[Term] = [e for e in first.case.drives[0].effects if e.name not in skipped]
     if not sensor_known_good and first.case.prior is not None:
         candidates += FAULTS

@@ -1,12 +1,12 @@
 """The library of effects as text: constants, bounds, signals, source, and who brings it."""
 
-from training.greybox.effects import ALL, Effect, origins
+from training.greybox.effects import LIBRARY, Effect, origins
 
 
 def as_text() -> str:
     """Return the library, the effects of plug-ins last."""
     brought = origins()
-    return "\n".join(_lines(effect, brought.get(effect.name)) for effect in ALL)
+    return "\n".join(_lines(effect, brought.get(effect.name)) for effect in LIBRARY.values())
 
 
 def _lines(effect: Effect, origin: str | None) -> str:

@@ -5,8 +5,7 @@ nothing else. Its equation stands once; a drive and a graph compute it alike. Fi
 the effects in the order of the modules. A distribution may bring further ones by the entry point
 ``o2_monitor.effects``, named as the effect; they follow in alphabetical order.
 
-``ALL`` and ``LIBRARY`` are made on first use, because a module that brings an effect imports this
-package.
+``LIBRARY`` is made on first use, because a module that brings an effect imports this package.
 """
 
 from collections.abc import Mapping
@@ -19,27 +18,20 @@ from training.greybox.effects import air, exhaust, fuel
 from training.greybox.effects.effect import Effect, Parameter
 
 GROUP: Final = "o2_monitor.effects"
-ALL: tuple[Effect, ...]
 LIBRARY: Mapping[str, Effect]
-OWN: Final = tuple(  # of this package, as they stand in its modules
-    each
-    for module in (fuel, air, exhaust)
-    for each in vars(module).values()
-    if isinstance(each, Effect)
-)
 
 
 def __getattr__(name: str) -> object:
-    if name not in ("ALL", "LIBRARY"):
+    if name != "LIBRARY":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    library = {effect.name: effect for effect in OWN}
+    own = (each for module in (fuel, air, exhaust) for each in vars(module).values())
+    library = {each.name: each for each in own if isinstance(each, Effect)}
     for plugin in sorted(entry_points(group=GROUP), key=lambda each: each.name):
         found = _loaded(plugin)
         if found.name in library:
             raise UsageError(f"effect {found.name}: a plug-in brings it, but the name is taken")
         library[found.name] = found
-    globals().update(ALL=tuple(library.values()), LIBRARY=MappingProxyType(library))
-    return globals()[name]
+    return globals().setdefault(name, MappingProxyType(library))
 
 
 def origins() -> dict[str, str]:
@@ -64,4 +56,4 @@ def _loaded(plugin: EntryPoint) -> Effect:
     return found
 
 
-__all__ = ["ALL", "LIBRARY", "OWN", "Effect", "Parameter", "origins"]
+__all__ = ["LIBRARY", "Effect", "Parameter", "origins"]

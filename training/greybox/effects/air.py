@@ -12,6 +12,7 @@ from scipy.constants import zero_Celsius
 
 from training.greybox.chain import AIR_LEAST_MG
 from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
+from training.greybox.quantity.dynamics import proportional_lag
 from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
 
 FOLLOWED: Final = Parameter("followed", "s", 0.02, 8.0, (0.05, 2.0))
@@ -157,5 +158,5 @@ def manifold_filling(at: Place, p: Values) -> Changed:
     """
     time_s = abs(p[0]) * REFERENCE_RPM / maximum(at.signal("engine_speed_rpm"), FILLING_MIN_RPM)
     charge = maximum(at.of("air_mg"), AIR_LEAST_MG)
-    late = at.proportional_lag(charge, time_s)
+    late = proportional_lag(charge, time_s, at.period_s)
     return {"air_mg": late if p[0] >= 0.0 else charge * charge / late}

@@ -37,10 +37,6 @@ class Place:
         """Return ``u`` behind a first-order lag, see ``dynamics.lag``."""
         return dynamics.lag(u, time_s, self.period_s)
 
-    def proportional_lag(self, u: Quantity, time_s: Quantity) -> Quantity:
-        """Return a positive ``u`` whose logarithm is late, see ``dynamics.proportional_lag``."""
-        return dynamics.proportional_lag(u, time_s, self.period_s)
-
     def injecting(self) -> Quantity:
         """Return whether fuel is injected; in a fuel cut, fuel from the walls may still enter."""
         return self.signal("fuel_mass_mg") > 0.0

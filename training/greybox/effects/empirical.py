@@ -11,20 +11,9 @@ from typing import Final, NamedTuple
 
 from monitor.base.counts import plain
 from monitor.base.errors import ModelError
+from training.greybox.effects import shape as shapes
 from training.greybox.effects.air import SLOWLY
 from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
-from training.greybox.effects.shape import (
-    BEND,
-    BUMP,
-    CURVE,
-    EXPONENTIAL,
-    FARTHEST,
-    LATE_LINE,
-    LINE,
-    STEP,
-    Shape,
-    Words,
-)
 from training.greybox.quantity.value import Quantity, clip, maximum
 
 PREFIX: Final = "empirical"
@@ -72,16 +61,16 @@ _LEARNED: Final = (
 )
 AIR: Final = Target("%", 40.0, _air, _LEARNED)
 GROWTH: Final = Parameter("growth", "", -4.0, 4.0, (0.1,))  # of the size, per u of a second signal
-FORMS: Final[Mapping[str, tuple[Target, Shape]]] = {
-    "factor": (MIXTURE, LINE),
-    "mass": (FUEL, LINE),
-    "vapour": (VAPOUR, LINE),
-    "slow": (MIXTURE, LATE_LINE),
-    "bump": (AIR, BUMP),
-    "step": (AIR, STEP),
-    "curve": (MIXTURE, CURVE),
-    "bend": (MIXTURE, BEND),
-    "exponential": (MIXTURE, EXPONENTIAL),
+FORMS: Final[Mapping[str, tuple[Target, shapes.Shape]]] = {
+    "factor": (MIXTURE, shapes.LINE),
+    "mass": (FUEL, shapes.LINE),
+    "vapour": (VAPOUR, shapes.LINE),
+    "slow": (MIXTURE, shapes.LATE_LINE),
+    "bump": (AIR, shapes.BUMP),
+    "step": (AIR, shapes.STEP),
+    "curve": (MIXTURE, shapes.CURVE),
+    "bend": (MIXTURE, shapes.BEND),
+    "exponential": (MIXTURE, shapes.EXPONENTIAL),
 }
 
 
@@ -104,26 +93,14 @@ def growing(name: str, signal: str, at: float, width: float) -> str:
     return f"{name}:{signal}:{at:.6g}:{width:.6g}"
 
 
-class ScaledSignal(NamedTuple):
-    """A signal, moved and scaled."""
-
-    signal: str
-    at: float
-    width: float
-
-    def u(self, place: Place) -> Quantity:
-        """Return the scaled signal."""
-        return (place.signal(self.signal) - self.at) * (1.0 / self.width)
-
-
 class NameParts(NamedTuple):
     """What the name of an empirical effect says."""
 
-    over: ScaledSignal
+    over: shapes.ScaledSignal
     form: str
     target: Target
-    shape: Shape
-    growth: ScaledSignal | None
+    shape: shapes.Shape
+    growth: shapes.ScaledSignal | None
 
 
 def parts_of(name: str) -> NameParts:
@@ -136,8 +113,8 @@ def parts_of(name: str) -> NameParts:
         raise ModelError(f"{name!r} is no empirical effect") from None
 
 
-def _scaled(signal: str, at: str, width: str) -> ScaledSignal:
-    return ScaledSignal(signal, float(at), float(width))
+def _scaled(signal: str, at: str, width: str) -> shapes.ScaledSignal:
+    return shapes.ScaledSignal(signal, float(at), float(width))
 
 
 def effect_of(name: str) -> Effect:
@@ -147,11 +124,12 @@ def effect_of(name: str) -> Effect:
     n = len(parameters)
 
     def equation(place: Place, values: Values) -> Changed:
-        size = shape.size(place, over.u(place), values[:n])
-        if growth is None:
-            return target.changed(place, size, values[n:])
-        size = size * (1.0 + values[n] * clip(growth.u(place), -FARTHEST, FARTHEST))
-        return target.changed(place, size, values[n + 1 :])
+        size, own = shape.size(place, over.u(place), values[:n]), values[n:]
+        if growth is not None:
+            grown, *own = own
+            u = clip(growth.u(place), -shapes.FARTHEST, shapes.FARTHEST)
+            size = size * (1.0 + grown * u)
+        return target.changed(place, size, own)
 
     signals = (over.signal, *((growth.signal,) if growth else ()), *target.needs)
     return Effect(
@@ -174,7 +152,7 @@ def formula(name: str, values: Values) -> str:
     over, _, target, shape, growth = parts_of(name)
     own = len(values) - len(target.parameters)
     n = own - (growth is not None)
-    size = shape.says(values[:n], Words(over.signal, over.at, over.width, target.unit))
+    size = shape.says(values[:n], over, target.unit)
     if growth:
         by = plain(values[n] / growth.width, 3, "+")
         size = f"+ ({size}) × (1 {by} per unit of ({growth.signal} - {plain(growth.at, 6)}))"

@@ -46,12 +46,9 @@ class ModelEffect:
         {'volume': 1.5}
         """
         names = [p.name for p in _entry(name).parameters]
-        errors = np.zeros(len(names)).tolist() if standard_errors is None else standard_errors
-        return cls(
-            name=name,
-            parameters=dict(zip(names, map(float, values), strict=True)),
-            standard_errors=dict(zip(names, map(float, errors), strict=True)),
-        )
+        both = values, standard_errors or [0.0] * len(names)
+        own, errors = (dict(zip(names, map(float, each), strict=True)) for each in both)
+        return cls(name, own, errors)
 
     @property
     def effect(self) -> Effect:

@@ -5,8 +5,7 @@ u is -1 and +1 at the ends of the signal's range. Sizes are in the unit of what 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from monitor.base.counts import plain
 from training.greybox.effects.effect import Parameter, Place, Values
@@ -19,34 +18,34 @@ KNOTS: Final = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of a curve
 FIRST: Final = 0.025  # of the largest size: from which a fit begins
 
 
-@dataclass(frozen=True, slots=True)
-class Words:
-    """What a formula is written with."""
+class ScaledSignal(NamedTuple):
+    """A signal, moved and scaled: u = (signal - at) / width."""
 
     signal: str
-    at: float  # the signal at u = 0
-    width: float  # of the signal, per u
-    unit: str  # of a size
+    at: float
+    width: float
 
-    def signed(self, size: float, *, per_u: bool = False) -> str:
-        """Return a size, or one per u in the signal's unit."""
-        number = size / self.width if per_u else size
-        return f"{'-' if number < 0 else '+'} {plain(abs(number), 3)} {self.unit}"
+    def u(self, place: Place) -> Quantity:
+        """Return the scaled signal."""
+        return (place.signal(self.signal) - self.at) * (1.0 / self.width)
 
 
-@dataclass(frozen=True, slots=True)
-class Shape:
+class Shape(NamedTuple):
     """A function of u with constants: first the sizes, then the others."""
 
     sizes: tuple[str, ...]
     others: tuple[Parameter, ...]
     size: Callable[[Place, Quantity, Values], Quantity]
-    says: Callable[[Values, Words], str]  # it as a formula
+    says: Callable[[Values, ScaledSignal, str], str]  # it as a formula, with the unit of a size
 
     def parameters(self, unit: str, most: float) -> tuple[Parameter, ...]:
         """Return its constants, with sizes of at most ``most``."""
         sizes = (Parameter(name, unit, -most, most, (FIRST * most,)) for name in self.sizes)
         return (*sizes, *self.others)
+
+
+def _signed(size: float, unit: str) -> str:
+    return f"{'-' if size < 0 else '+'} {plain(abs(size), 3)} {unit}"
 
 
 def _line(place: Place, u: Quantity, values: Values) -> Quantity:
@@ -58,11 +57,11 @@ def _late_line(place: Place, u: Quantity, values: Values) -> Quantity:
     return values[0] + values[1] * late
 
 
-def _says_line(values: Values, words: Words) -> str:
+def _says_line(values: Values, over: ScaledSignal, unit: str) -> str:
     late = f" behind a lag of {plain(values[2], 3)} s" if len(values) > 2 else ""
     return (
-        f"{words.signed(values[0])} {words.signed(values[1], per_u=True)} per unit of "
-        f"({words.signal}{late} - {plain(words.at, 6)})"
+        f"{_signed(values[0], unit)} {_signed(values[1] / over.width, unit)} per unit of "
+        f"({over.signal}{late} - {plain(over.at, 6)})"
     )
 
 
@@ -76,12 +75,12 @@ def _curve(place: Place, u: Quantity, values: Values) -> Quantity:
     return total
 
 
-def _says_curve(values: Values, words: Words) -> str:
+def _says_curve(values: Values, over: ScaledSignal, unit: str) -> str:
     points = ", ".join(
-        f"{plain(v, 3, '+')} {words.unit} at {plain(words.at + u * words.width)}"
+        f"{plain(v, 3, '+')} {unit} at {plain(over.at + u * over.width)}"
         for u, v in zip(KNOTS, values, strict=True)
     )
-    return f"+ curve of {words.signal}: {points}"
+    return f"+ curve of {over.signal}: {points}"
 
 
 def _bump(place: Place, u: Quantity, values: Values) -> Quantity:
@@ -89,10 +88,10 @@ def _bump(place: Place, u: Quantity, values: Values) -> Quantity:
     return exp(z * z * -1.0) * values[0]
 
 
-def _says_bump(values: Values, words: Words) -> str:
-    at, width = words.at + values[1] * words.width, values[2] * words.width
+def _says_bump(values: Values, over: ScaledSignal, unit: str) -> str:
+    at, width = over.at + values[1] * over.width, values[2] * over.width
     return (
-        f"{words.signed(values[0])} × exp(-(({words.signal} - {plain(at)}) / {plain(width, 3)})²)"
+        f"{_signed(values[0], unit)} × exp(-(({over.signal} - {plain(at)}) / {plain(width, 3)})²)"
     )
 
 
@@ -100,11 +99,11 @@ def _step(place: Place, u: Quantity, values: Values) -> Quantity:
     return values[0] + values[1] * tanh(_from_place(u, values[2], values[3]))
 
 
-def _says_step(values: Values, words: Words) -> str:
+def _says_step(values: Values, over: ScaledSignal, unit: str) -> str:
     middle, half, place, width = values
-    at, wide = words.at + place * words.width, 2.0 * width * words.width
-    below, above = (words.signed(each) for each in (middle - half, middle + half))
-    return f"{below} below {words.signal} {plain(at)}, {above} above it (over {plain(wide, 2)})"
+    at, wide = over.at + place * over.width, 2.0 * width * over.width
+    below, above = (_signed(each, unit) for each in (middle - half, middle + half))
+    return f"{below} below {over.signal} {plain(at)}, {above} above it (over {plain(wide, 2)})"
 
 
 def _bend(place: Place, u: Quantity, values: Values) -> Quantity:
@@ -112,12 +111,12 @@ def _bend(place: Place, u: Quantity, values: Values) -> Quantity:
     return values[0] + values[1] * minimum(away, 0.0) + values[2] * maximum(away, 0.0)
 
 
-def _says_bend(values: Values, words: Words) -> str:
+def _says_bend(values: Values, over: ScaledSignal, unit: str) -> str:
     middle, *slopes, place = values
-    below, above = (words.signed(each, per_u=True) for each in slopes)
-    at = words.at + place * words.width
-    per = f"per unit of ({words.signal} - {plain(at)})"
-    return f"{words.signed(middle)} {below} below and {above} above {per}"
+    below, above = (_signed(each / over.width, unit) for each in slopes)
+    at = over.at + place * over.width
+    per = f"per unit of ({over.signal} - {plain(at)})"
+    return f"{_signed(middle, unit)} {below} below and {above} above {per}"
 
 
 def _exponential(place: Place, u: Quantity, values: Values) -> Quantity:
@@ -125,11 +124,11 @@ def _exponential(place: Place, u: Quantity, values: Values) -> Quantity:
     return middle + size * exp(clip(u, -NEAR, NEAR) * rate - abs(rate))
 
 
-def _says_exponential(values: Values, words: Words) -> str:
+def _says_exponential(values: Values, over: ScaledSignal, unit: str) -> str:
     middle, size, rate = values
-    first = words.signed(size * math.exp(-abs(rate)))  # at u = 0
-    over = f"exp({plain(rate / words.width, 3)} × ({words.signal} - {plain(words.at, 6)}))"
-    return f"{words.signed(middle)} {first} × {over}"
+    first = _signed(size * math.exp(-abs(rate)), unit)  # at u = 0
+    rise = f"exp({plain(rate / over.width, 3)} × ({over.signal} - {plain(over.at, 6)}))"
+    return f"{_signed(middle, unit)} {first} × {rise}"
 
 
 def _from_place(u: Quantity, place: float, width: float) -> Quantity:

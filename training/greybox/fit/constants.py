@@ -154,7 +154,7 @@ def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> F
 
 def described(fitted: Fitted) -> dict[str, Any]:
     """Return the constants for a card: value, unit, bounds and standard error of each."""
-    bounds = {name: {"low": RANGES[name].low, "high": RANGES[name].high} for name in RANGES}
+    bounds = {name: {"low": each.low, "high": each.high} for name, each in RANGES.items()}
     return {
         "constants": {name: one | bounds[name] for name, one in _each(fitted).items()},
         "covariance": fitted.covariance.tolist(),
@@ -177,23 +177,16 @@ def reference(fitted: Fitted) -> dict[str, Any]:
 
     A single lag or part of the dead time may be uncertain although their sum is not.
     """
-    sums = {
-        "dead_time_at_1500_rpm_s": {
-            "dead_time_s": 1.0,
-            "dead_time_revolutions": 60.0 / REFERENCE_RPM,
-        },
-        "lag_s": {"mixing_s": 1.0, "sensor_s": 1.0},
-    }
-    sums["late_at_1500_rpm_s"] = sums["dead_time_at_1500_rpm_s"] | sums["lag_s"]
+    nothing = Constants(*np.zeros(len(LOW)))
+    dead = nothing._replace(dead_time_s=1.0, dead_time_revolutions=60.0 / REFERENCE_RPM)
+    lags = nothing._replace(mixing_s=1.0, sensor_s=1.0)
+    late = np.add(dead, lags)
     derived = {}
-    for name, parts in sums.items():
-        w = np.array([parts.get(field, 0.0) for field in Constants._fields])
-        error = float(np.sqrt(max(w @ fitted.covariance @ w, 0.0)))
-        derived[name] = {
-            "value": float(w @ np.array(fitted.constants)),
-            "standard_error": error,
-            "unit": "s",
-        }
+    sums = {"dead_time_at_1500_rpm_s": dead, "lag_s": lags, "late_at_1500_rpm_s": late}
+    for name, w in sums.items():
+        error = float(np.sqrt(max(np.dot(w, fitted.covariance) @ w, 0.0)))
+        value = float(np.dot(w, fitted.constants))
+        derived[name] = {"value": value, "standard_error": error, "unit": "s"}
     return {"constants": _each(fitted), "derived": derived, "standard_errors": STANDARD_ERRORS}
 
 

@@ -21,7 +21,7 @@ from training.greybox.chain import (
     simulate,
     with_speed,
 )
-from training.greybox.effects import ALL, Effect
+from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.air import following
 from training.greybox.effects.model_effect import Effects, along
 from training.pages.numbers import percent
@@ -30,7 +30,6 @@ from training.recordings.samples.rows import hold
 
 OUTPUT: Final = "lambda_measured"
 NEEDED: Final = ("air_mass_mg", "fuel_mass_mg")
-AFTER_CUT_S: Final = RECOVERY_S  # transport, mixing and sensor have passed on phi = 0
 CUT_PHI: Final = 0.5  # a sensor reads less in fuel cut only, never of burnt mixture
 AFTER_CUT_READ_S: Final = 1.0  # the end of a cut has passed the sensor, whatever the dead time
 AFTER_GAP_S: Final = 5.0  # a held value has left the chain
@@ -58,7 +57,7 @@ class ChainDrive:
     @property
     def effects(self) -> tuple[Effect, ...]:
         """Return the library for this ECU, see ``following``."""
-        return tuple(following(effect, self.meter_s) for effect in ALL)
+        return tuple(following(effect, self.meter_s) for effect in LIBRARY.values())
 
     def __len__(self) -> int:
         return len(self.phi_measured)
@@ -165,7 +164,7 @@ def make(
         held = with_speed(held)
     told = in_fuel_cut(held)
     cut = np.zeros(len(phi), dtype=bool) if told is None else told
-    scored = good & ~until(cut, AFTER_CUT_S, period_s)
+    scored = good & ~until(cut, RECOVERY_S, period_s)
     scored &= ~until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
     scored &= ~until(~inputs_good, AFTER_GAP_S, period_s)
     if "sensor_ready" in held:

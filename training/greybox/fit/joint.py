@@ -1,8 +1,8 @@
 """The joint fit: constants of the chain and of effects to several drives, in whitened errors."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from typing import Final
 
@@ -11,14 +11,15 @@ from scipy.optimize import least_squares
 
 from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
-from training.greybox.effects import Effect
+from training.greybox.effects import Effect, Parameter
 from training.greybox.effects.model_effect import Effects, ModelEffect
-from training.greybox.fit.case import Case, Term, judged, plain_errors, predict, white
+from training.greybox.fit.case import Case, Prior, Term, judged, plain_errors, predict, white
 from training.greybox.fit.drive import FOLDS
 
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
 HIGH: Final = np.array([RANGES[name].high for name in Constants._fields])
 STEP: Final = 1e-4  # of a scale, for derivatives
+Values = Sequence[float] | FloatArray
 INSIDE: Final = 1e-6  # of the range: distance from a bound at which a fit starts
 
 
@@ -88,20 +89,16 @@ def fit(
     other terms start at all combinations of their starts.
     """
     layout = ParameterLayout(case, tuple(terms))
-    moving = len(layout.limits[0])
-    points = (x for start in starts for x in _starting_points(terms, start))
-    different = dict.fromkeys(tuple(x[len(x) - moving :].tolist()) for x in points)
+    different = dict[tuple[float, ...], None]()  # in their order
+    for start in starts:
+        base, own = (start.base, start.parameters) if isinstance(start, JointFit) else (start, ())
+        grids = [product(*(p.start for p in term.parameters)) for term in terms[len(own) :]]
+        points = (layout.join(base, [*own, *values]) for values in product(*grids))
+        different |= dict.fromkeys(tuple(x.tolist()) for x in points)
     return min((_descend(layout, np.array(x), search) for x in different), key=lambda f: f.cost)
 
 
-def _starting_points(terms: Sequence[Term], start: JointFit | Constants) -> list[FloatArray]:
-    fitted = (start.base, *start.parameters) if isinstance(start, JointFit) else (start,)
-    rest = terms[len(fitted) - 1 :]
-    grids = [product(*(p.start for p in term.parameters)) for term in rest]
-    return [np.concatenate([*fitted, *values]) for values in product(*grids)]
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ParameterLayout:
     """The moving constants of a fit in one array."""
 
@@ -116,36 +113,32 @@ class ParameterLayout:
         base = fixed or Constants(*x[:first].tolist())
         return base, [x[a:b] for a, b in pairwise(sizes)]
 
-    def join(self, of_base: Sequence[float], of_terms: Sequence[Sequence[float]]) -> FloatArray:
+    def join(self, of_base: Values, of_terms: Sequence[Values]) -> FloatArray:
         """Return the array for the base's values and each term's values."""
-        parts = [] if self.case.fixed else [np.array(of_base)]
-        return np.concatenate([np.empty(0), *parts, *(np.array(own) for own in of_terms)])
+        return np.concatenate([*([[]] if self.case.fixed else [of_base]), *of_terms])
+
+    def of_each(self, of_base: Values, of: Callable[[Parameter], float]) -> FloatArray:
+        """Return the array for the base's values and what ``of`` says of each term's constants."""
+        return self.join(of_base, [[of(p) for p in term.parameters] for term in self.terms])
 
     @property
     def limits(self) -> tuple[FloatArray, FloatArray]:
         """Return the lowest and highest constants."""
-        low = self.join(LOW.tolist(), [[p.low for p in term.parameters] for term in self.terms])
-        high = self.join(HIGH.tolist(), [[p.high for p in term.parameters] for term in self.terms])
-        return low, high
+        return self.of_each(LOW, lambda p: p.low), self.of_each(HIGH, lambda p: p.high)
 
     def white(self, x: FloatArray) -> list[FloatArray]:
         """Return the white errors of each drive, then those of the prior and of the terms."""
         base, own = self.split(x)
         of_drives = white(self.case, predict(self.case, base, self.terms, own))
-        return [*of_drives, self._unlikely(base, own)]
+        mean, spread = self._expected
+        return [*of_drives, ((x - mean) / spread)[np.isfinite(spread)]]
 
-    def _unlikely(self, base: Constants, own: Sequence[FloatArray]) -> FloatArray:
-        """Return how far constants are from what is expected of them, in spreads."""
-        rows = [
-            (value - p.start[0]) / p.spread
-            for term, values in zip(self.terms, own, strict=True)
-            for p, value in zip(term.parameters, values, strict=True)
-            if p.spread is not None
-        ]
-        prior = self.case.prior
-        if prior is None or self.case.fixed is not None:
-            return np.array(rows, dtype=np.float64)
-        return np.array([*(np.array(base) - prior.mean) / np.array(prior.spread), *rows])
+    @cached_property
+    def _expected(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and spread of the constants, infinite where any value may be."""
+        prior = self.case.prior or Prior(Constants(), Constants(*np.full(len(LOW), np.inf)))
+        mean = self.of_each(prior.mean, lambda p: p.start[0])
+        return mean, self.of_each(prior.spread, lambda p: p.spread or np.inf)
 
     def slopes(
         self, x: FloatArray, at: Sequence[FloatArray], steps: FloatArray
@@ -167,8 +160,7 @@ class ParameterLayout:
 
 def _descend(layout: ParameterLayout, x: FloatArray, search: JointSearch) -> JointFit:
     low, high = layout.limits
-    sizes = [[max(map(abs, p.start)) for p in term.parameters] for term in layout.terms]
-    scale = layout.join(search.scale, sizes)
+    scale = layout.of_each(search.scale, lambda p: max(map(abs, p.start)))
 
     @lru_cache(1)  # a slope is asked for where an error was
     def white(at: tuple[float, ...]) -> list[FloatArray]:
@@ -228,7 +220,7 @@ def held_out_rmse(case: Case, found: JointFit) -> float:
     fold = case.blocks % FOLDS
     layout = ParameterLayout(case, found.terms)
     low, high = layout.limits
-    centre = layout.join(found.base, [own.tolist() for own in found.parameters])
+    centre = layout.join(found.base, found.parameters)
     squares = 0.0
     for f, step in enumerate(_steps_without(found, fold)):
         base, own = layout.split(np.clip(centre + step, low, high))

@@ -47,8 +47,7 @@ class ChainDifference(Greybox):
         inputs = [name for name in wanted if name != SPEED or SPEED in chain]
         limits = limits_of(inputs, known, ranges)
         period_s = card.period_ns / 1e9
-        found = cls(constants=constants, limits=limits, period_s=period_s, effects=effects)
-        return found.with_register()
+        return cls(constants=constants, limits=limits, period_s=period_s, effects=effects)
 
     @classmethod
     def from_card(cls, card: ModelCard) -> "ChainDifference":

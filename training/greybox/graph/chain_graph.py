@@ -8,7 +8,7 @@ that are not zero: single and batched runs give the same bits.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import starmap
 from typing import Any, Self
 
@@ -47,7 +47,6 @@ class Greybox:
     constants: Constants
     limits: Ranges  # of each input of chain and effects, which is clipped to them first
     period_s: float
-    register: int = 1  # samples of phi at the valve in the state
     charge_map: ChargeMap | None = None  # None: the charge is an input
     effects: Effects = ()
     charge_error: ChargeError | None = None  # of a charge that is an input
@@ -72,13 +71,12 @@ class Greybox:
                 constants=Constants(**constants),
                 limits={name: (low, high) for name, low, high in zip(*limits, strict=True)},
                 period_s=card.period_ns / 1e9,
-                register=int(given["register_samples"]),
                 charge_map=charge_map and ChargeMap.from_card(charge_map),
                 charge_error=charge_error and ChargeError.from_card(charge_error),
                 effects=tuple(map(ModelEffect.from_card, card.effects)),
                 own=tuple(starmap(ModelEffect.with_values, given.get("own", {}).items())),
             )
-        except (KeyError, TypeError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ModelError(f"the card of a chain lacks part of its structure: {error}") from None
 
     def structure(self) -> dict[str, Any]:
@@ -103,14 +101,9 @@ class Greybox:
         return tuple(self.limits)
 
     @property
-    def on_the_way(self) -> Effects:
-        """The healthy vehicle's own effects, then the added ones."""
-        return (*self.own, *self.effects)
-
-    def with_register(self) -> Self:
-        """Return the chain with a register for its longest dead time, not shorter than before."""
-        longest_s = float(self._slowest.dead_time_s.max())
-        return replace(self, register=max(math.ceil(longest_s / self.period_s), self.register))
+    def register(self) -> int:
+        """Samples of phi at the valve in the state: its longest dead time."""
+        return max(math.ceil(self._slowest.dead_time_s.max() / self.period_s), 1)
 
     @property
     def memory(self) -> int:
@@ -162,7 +155,7 @@ class Greybox:
     def path(self, signals: Mapping[str, Quantity]) -> ChainPath:
         """Return the path with all effects for what the chain sees."""
         path = base_path(self.constants, signals)
-        return along(path, self.on_the_way, signals, self.period_s)
+        return along(path, (*self.own, *self.effects), signals, self.period_s)
 
     def reading(self, u: FloatArray) -> FloatArray:
         """Return the phi (n,) that the sensor reads for inputs ``u`` (n, n_inputs)."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from monitor.base.errors import ModelError
-from monitor.base.signals import BY_NAME
+from monitor.base.signals import BY_NAME, unit_of
 from monitor.model.card import Channel
 from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
 from training.greybox.effects.model_effect import FUEL, ModelEffect
@@ -67,7 +67,7 @@ def channel_of(name: str, old: Channel | None, seen: tuple[float, float] | None)
     if old is None:
         return Channel(
             name=name,
-            unit=BY_NAME[name].unit,
+            unit=unit_of(name),
             minimum=low,
             maximum=high,
             percentile_0_1=float(seen[0]),

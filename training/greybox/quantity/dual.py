@@ -4,7 +4,7 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed., SIAM 2008, chapte
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -13,12 +13,12 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 from monitor.base.types import FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class ParameterGroup:
     """Parameters that enter the equations in one place: a constant, or the knots of a field."""
 
     name: str
-    shares: FloatArray | None = None  # (n, k) of the knots in the field at each sample
+    shares: FloatArray | None = field(default=None, compare=False)  # (n, k) of knots at samples
 
     def spread(self, slope: FloatArray | float, n: int) -> FloatArray:
         """Return the derivatives (n, k) over the parameters for those over the value there."""

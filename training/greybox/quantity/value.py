@@ -108,6 +108,14 @@ def cells(x: FloatArray, y: FloatArray, knots: tuple[FloatArray, FloatArray]) ->
     return np.asarray(shares.reshape(len(x), knots[0].size * knots[1].size))
 
 
+def knots_over(
+    values: FloatArray, n: int, range_: tuple[float, float] = (0.005, 0.995), least: float = 1.0
+) -> FloatArray:
+    """Return knots (n,), evenly spaced over nearly all values and ``least``; 0 and 1 for none."""
+    low, high = np.quantile(values, range_) if len(values) else (0.0, 1.0)
+    return np.linspace(low, max(high, low + least), n)
+
+
 def hats(x: Quantity, knots: FloatArray) -> Quantity:
     """Return the shares (n, k) of the knots in a linear interpolation at ``x``.
 

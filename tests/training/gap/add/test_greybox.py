@@ -17,7 +17,7 @@ from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of, 
 from training.gap.add.greybox import ChainVehicle, add
 from training.greybox.chain import Constants
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
-from training.greybox.effects import ALL, LIBRARY
+from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.case import reading
 from training.greybox.fit.drive import ChainDrive
@@ -124,7 +124,10 @@ def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
 
 def test_without_new_constants_the_base_and_its_reference_stay(base: Path, tmp_path: Path) -> None:
     old = Model.load(base).card
-    card = add(base, [FILM], tmp_path / "m.onnx", ranges=ranges_of(), recordings=FIT)
+    flap = ModelEffect.with_values("empirical:flap:factor:30:10", [1.0, 0.5])  # has no unit here
+    seen = {**ranges_of(), "flap": (20.0, 40.0)}
+    card = add(base, [FILM, flap], tmp_path / "m.onnx", ranges=seen, recordings=FIT)
+    assert (card.inputs[-1].name, card.inputs[-1].unit) == ("flap", "")
     assert card.reference == old.reference
     assert card.structure["constants"] == old.structure["constants"]
 
@@ -173,7 +176,8 @@ def test_batched_and_single_runs_of_all_effects_give_the_same_bits(
     base: Path, tmp_path: Path, batch: int
 ) -> None:
     out = tmp_path / "m.onnx"
-    every = [ModelEffect.with_values(e.name, [p.start[0] for p in e.parameters]) for e in ALL]
+    starts = {name: [p.start[0] for p in e.parameters] for name, e in LIBRARY.items()}
+    every = [ModelEffect.with_values(*each) for each in starts.items()]
     card = add(base, every, out, ranges=ranges_of(), recordings=FIT)
     limits = Greybox.of(card)
     size = (batch, 120, len(card.inputs))

@@ -25,7 +25,7 @@ from tests.helpers.gap.gap_networks import (
     rmse,
 )
 from training.gap.add.network import add
-from training.greybox.effects import ALL
+from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_difference import ChainDifference
@@ -191,7 +191,7 @@ def test_the_monitor_judges_with_a_network_that_has_any_effect_of_the_library(
     path.write_bytes(base.path.read_bytes())
     update_card(path, replace(base.card, limits=usual))
     driven = drive("us06", 2_020_140, duration_s=200.0, of_vehicle=2012)  # not of its training
-    for effect in ALL:
+    for effect in LIBRARY.values():
         # WHEN an effect is added, of which several read signals that the network does not
         added = ModelEffect.with_values(effect.name, [p.start[0] for p in effect.parameters])
         out = tmp_path / f"{effect.name}.onnx"

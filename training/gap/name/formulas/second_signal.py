@@ -12,7 +12,8 @@ from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
 from training.greybox.effects.effect import Parameter
-from training.greybox.effects.empirical import GROWTH, ScaledSignal, effect_of, growing, parts_of
+from training.greybox.effects.empirical import GROWTH, effect_of, growing, parts_of
+from training.greybox.effects.shape import ScaledSignal
 from training.greybox.fit.case import Case, errors, predict
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import scoring
