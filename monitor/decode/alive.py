@@ -12,8 +12,7 @@ import numpy as np
 
 from monitor.base.types import FrameBlock, IntArray
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.payloads import Payloads
-from monitor.decode.plan import Plan
+from monitor.decode.plan import Checks, Plan
 
 Verdict = Literal["went on", "missed", "unknown"]
 SURE_BITS: Final = 8  # counters of so many bits together go on by chance in one of 256 pauses
@@ -29,8 +28,8 @@ class AliveCounters:
 
     def __init__(self, decoder: BlockDecoder, block: FrameBlock) -> None:
         self._t_ns = block.t_ns
-        plans = [plan for plan in decoder.plans.values() if plan.counter is not None]
-        self._counters = [_Counter(plan, block) for plan in plans]
+        plans = decoder.plans.values()
+        self._counters = [_Counter(plan, block) for plan in plans if plan.counter is not None]
 
     def verdict(self, begin: int, at: int, end: int, pause_ns: int | None) -> Verdict:
         """Return the counters' finding on the pause before the frame ``at``.
@@ -69,13 +68,13 @@ class _Counter:
 
     def __init__(self, plan: Plan, block: FrameBlock) -> None:
         assert plan.counter is not None
-        self.bits = plan.counter.length
+        self.bits, checks = plan.counter.length, Checks([plan])
         mask, wanted = plan.match
         places = np.flatnonzero((block.key & mask) == wanted)
-        data = plan.payload(block.data[places])
-        sound = np.flatnonzero(plan.fits(block.length[places]) & plan.holds(data))
+        data = block.data[places]
+        sound = np.flatnonzero(checks.fits(block.length[places], [0]) & checks.holds(data, [0]))
         self._places = places[sound]  # of the sound frames
-        counts = plan.count(Payloads(plan.message, data[sound])).astype(np.int64)
+        counts = checks.counters.bits(data[sound], [0]).astype(np.int64)
         # whether the counter rose with each frame since the sound one before
         self._rose = (np.diff(counts) - np.diff(sound)) % (1 << self.bits) == 0
 

@@ -14,14 +14,17 @@ import numpy as np
 from cantools.database.can import Signal
 from numpy.typing import NDArray
 
+from monitor.base.runs import alike
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.decode.bus_map import BusMap
 from monitor.decode.parameter_groups import Sender, group_of, mask_of
-from monitor.decode.payloads import Bytes, Payloads
-from monitor.decode.plan import Group, Plan, plans_of
+from monitor.decode.payloads import Bytes, Numbers, Raw
+from monitor.decode.plan import Checks, Conditions, Group, Plan, plans_of
 from monitor.frames.blocks import EXTENDED
 
 _STANDARD = 1 << 11  # identifiers of 11 bits
+# message by message, each (n,): rows in the block, numbers of the plans, length, and data
+_Frames = tuple[IntArray, Numbers, Bytes, Bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,29 +63,80 @@ class BlockDecoder:
         timeouts_s = (bus_map.channels[name].mapped.timeout_s for name in self.channels)
         self.timeouts_ns = tuple(round(1e9 * s) for s in timeouts_s)
         self.plans = plans_of(bus_map, self.channels)  # by the key of their frames
-        self._is_needed = np.zeros(_STANDARD + 1, dtype=np.bool_)  # the last: any longer one
-        self._is_needed[[key for key in self.plans if key < _STANDARD]] = True
-        self._beyond = [plan.match for key, plan in self.plans.items() if key >= _STANDARD]
+        self.checks = Checks(tuple(self.plans.values()))
+        self._number = np.full(_STANDARD + 1, len(self.plans), dtype=np.int16)  # of plans, by key
+        self._beyond = []  # number, and bits of a key with their value
+        for i, (key, plan) in enumerate(self.plans.items()):
+            if key < _STANDARD:
+                self._number[key] = i
+            else:
+                self._beyond.append((i, plan.match))
         self.restart()
 
     def restart(self) -> None:
         """Forget everything, as if made anew for another recording."""
         self.unmapped = 0  # frames under identifiers nobody asked for
-        self._messages = [_MessageDecoder(plan) for plan in self.plans.values()]
+        self._messages = [_Message(plan) for plan in self.plans.values()]
 
     def push(self, block: FrameBlock) -> list[Decoded]:
         """Return the frames' values, message by message; rows may repeat between messages' parts.
 
         A frame whose multiplexers carry several groups of channels stands in one part for each.
         """
+        which = self._which(block.key)
+        for i, message in enumerate(self._messages):
+            if message.sender is not None:
+                own = np.flatnonzero(which == i)
+                taken = message.sender.takes((block.key[own] & 0xFF).astype(np.int64))
+                which[own[~taken]] = len(self.plans)
+        *received, unmapped = np.bincount(which, minlength=len(self.plans) + 1).tolist()
+        self.unmapped += unmapped
+        for message, n in zip(self._messages, received, strict=True):
+            message.counts["received"] += n
+        rows = which.argsort(kind="stable")[: sum(received)]
+        frames = rows, which[rows], block.length[rows], block.data[rows]
+        frames = self._kept("length", self.checks.fits(frames[2], frames[1]), frames)
+        frames = self._kept("checksum", self.checks.holds(frames[3], frames[1]), frames)
+        frames = self._kept("stuck", self._advances(frames[1], frames[3]), frames)
+        rows, which, length, data = frames
         found: list[Decoded] = []
-        self.unmapped += len(block.key)
-        for message in self._messages:
-            rows = message.rows_of(block.key)
-            self.unmapped -= len(rows)
-            if len(rows):
-                found += message.push(rows, block.length[rows], block.data[rows])
+        with np.errstate(all="ignore"):
+            for a, b, i in alike(which):
+                found += self._messages[i].push(rows[a:b], length[a:b], data[a:b])
         return found
+
+    def _which(self, key: NDArray[np.uint32]) -> Numbers:
+        """Return the number of each frame's plan, (n,), or how many plans there are."""
+        which = self._number.take(key, mode="clip")
+        for i, (mask, wanted) in self._beyond:
+            which[(key & mask) == wanted] = i
+        return which
+
+    def _kept(self, reason: str, sound: BoolArray, frames: _Frames) -> _Frames:
+        """Drop and count the frames that are not sound."""
+        if np.count_nonzero(sound) == len(sound):
+            return frames
+        rows, which, length, data = frames
+        for i, n in Counter(which[~sound].tolist()).items():
+            self._messages[i].counts[reason] += n
+        return rows[sound], which[sound], length[sound], data[sound]
+
+    def _advances(self, which: Numbers, data: Bytes) -> BoolArray:
+        """Return where the counter advanced, (n,); count the frames that it says are missing.
+
+        A frame that is rejected has the counter of the last sound one, so each is compared with
+        the frame just before it.
+        """
+        count, mask = self.checks.counters.bits(data, which), self.checks.counted.take(which)
+        before = count - np.uint64(1)
+        for begin, end, i in alike(which):
+            last, self._messages[i].last = self._messages[i].last, count[end - 1]
+            before[begin] = before[begin] if last is None else last
+            before[begin + 1 : end] = count[begin : end - 1]
+        step = (count - before) & mask
+        for i, n in zip(which[step > 1].tolist(), step[step > 1].tolist(), strict=True):
+            self._messages[i].counts["lost"] += n - 1
+        return np.asarray((step > 0) | (mask == 0))
 
     @property
     def identifiers(self) -> tuple[tuple[int, bool], ...]:
@@ -98,10 +152,7 @@ class BlockDecoder:
 
     def needed(self, block: FrameBlock) -> IntArray:
         """Return which frames of a block are looked at, (m,) ascending."""
-        is_needed = self._is_needed.take(block.key, mode="clip")
-        for mask, wanted in self._beyond:
-            is_needed |= (block.key & mask) == wanted
-        return np.flatnonzero(is_needed)
+        return np.flatnonzero(self._which(block.key) < len(self.plans))
 
     @property
     def counters(self) -> dict[str, MessageCounters]:
@@ -110,77 +161,30 @@ class BlockDecoder:
         return {plan.name: c for plan, c in counters.items() if c.received or not plan.is_optional}
 
 
-class _MessageDecoder:
-    """Decodes the frames of one message; remembers its counts and its last counter."""
+class _Message:
+    """One message; remembers its counts, its last counter and what its range signals told."""
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.counts: Counter[str] = Counter()  # by the names of ``MessageCounters``
-        self._sender = Sender(plan.address) if plan.any_source else None
-        self._last: NDArray[np.uint64] | None = None  # (1,) of the last frame that was sound
+        self.sender = Sender(plan.address) if plan.any_source else None
+        self.last: np.uint64 | None = None  # counter of the last frame that was sound
         self._ranges: dict[str, float] = {}  # range signal → what it told last
 
-    def rows_of(self, key: NDArray[np.uint32]) -> IntArray:
-        """Return which frames are of this message, (m,) ascending; their keys are (n,)."""
-        mask, wanted = self.plan.match
-        if self._sender is None:
-            return np.flatnonzero(key == wanted)
-        rows = np.flatnonzero((key & mask) == wanted)
-        return rows[self._sender.takes((key[rows] & 0xFF).astype(np.int64))]
-
     def push(self, rows: IntArray, length: Bytes, data: Bytes) -> list[Decoded]:
-        """Return the parts that frames say: ``rows`` in their block, (m,), data (m, width)."""
-        plan = self.plan
-        self.counts["received"] += len(rows)
-        data = plan.payload(data)
-        rows, length, data = self._keep(plan.fits(length), "length", rows, length, data)
-        if plan.checksum >= 0:
-            rows, length, data = self._keep(plan.holds(data), "checksum", rows, length, data)
-        payloads = Payloads(plan.message, data)
-        if plan.counter is not None and len(rows):
-            advances = self._count(plan.count(payloads), plan.counter)
-            if not advances.all():
-                rows, length, data = self._keep(advances, "stuck", rows, length, data)
-                payloads = Payloads(plan.message, data)
-        if plan.is_plain:
-            (group,) = plan.groups
-            return [Decoded(rows, group.channels, self._values(group, payloads, {}))]
-        return self._multiplexed(rows, length, payloads)
+        """Return the parts that sound frames say: ``rows`` in their block, (m,)."""
+        if not self.plan.is_plain:
+            return self._multiplexed(rows, length, data)
+        (group,) = self.plan.groups
+        return [self._part(group, rows, data, {})]
 
-    def _keep(
-        self, sound: BoolArray, reason: str, rows: IntArray, length: Bytes, data: Bytes
-    ) -> tuple[IntArray, Bytes, Bytes]:
-        """Drop and count the frames that are not sound."""
-        n_kept = int(np.count_nonzero(sound))
-        if n_kept == len(rows):
-            return rows, length, data
-        self.counts[reason] += len(rows) - n_kept
-        return rows[sound], length[sound], data[sound]
-
-    def _count(self, count: NDArray[np.uint64], signal: Signal) -> BoolArray:
-        """Return whether the counter advanced, (n,); count the frames that it says are missing.
-
-        A frame that is rejected has the counter of the last sound one, so each is compared with
-        the frame just before it.
-        """
-        mask = np.uint64((1 << signal.length) - 1)
-        known = np.ones(len(count), dtype=np.bool_)
-        known[0] = self._last is not None
-        before = np.concatenate([count[:1] if self._last is None else self._last, count[:-1]])
-        self._last = count[-1:].copy()
-        stuck = known & (count == before)
-        gap = (count - before - np.uint64(1)) & mask
-        self.counts["lost"] += sum(gap[known & ~stuck & (gap > 0)].tolist())
-        return np.asarray(~stuck)
-
-    def _multiplexed(self, rows: IntArray, length: Bytes, payloads: Payloads) -> list[Decoded]:
+    def _multiplexed(self, rows: IntArray, length: Bytes, data: Bytes) -> list[Decoded]:
         """Return a part for each group of channels; a frame too short for one is not used."""
         alive, used = np.ones(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
-        tested = [g.conditions for g in self.plan.groups] + [c for _, c in self.plan.ranges]
-        signals = {s.name: s for conditions in tested for s, _ in conditions}
-        raw = {name: payloads.raw(signal) for name, signal in signals.items()}
+        read, odd = self.plan.tests.read(data)
+        raw = {s.name: odd.get(i, read[i]) for i, s in enumerate(self.plan.tested)}
 
-        def carrying(conditions: Sequence[tuple[Signal, tuple[int, ...]]]) -> BoolArray:
+        def carrying(conditions: Conditions) -> BoolArray:
             each = [np.logical_or.reduce([raw[s.name] == i for i in ids]) for s, ids in conditions]
             return np.asarray(np.logical_and.reduce([alive, *each]))
 
@@ -188,7 +192,7 @@ class _MessageDecoder:
         for signal, conditions in self.plan.ranges:
             tells = carrying(conditions)
             used |= tells
-            most[signal.name] = self._held(signal, tells, payloads)
+            most[signal.name] = self._held(signal, tells, raw[signal.name])
         found: list[tuple[Group, BoolArray]] = []
         for group in self.plan.groups:
             carries = carrying(group.conditions)
@@ -201,32 +205,22 @@ class _MessageDecoder:
         self.counts["other"] += int(np.count_nonzero(alive & ~used))
         places = [(group, np.flatnonzero(carries & alive)) for group, carries in found]
         return [
-            Decoded(
-                rows[i],
-                g.channels,
-                self._values(g, payloads.at(i), {name: m[i] for name, m in most.items()}),
-            )
-            for g, i in places
+            self._part(group, rows[i], data[i], {name: m[i] for name, m in most.items()})
+            for group, i in places
         ]
 
-    def _held(self, signal: Signal, tells: BoolArray, payloads: Payloads) -> FloatArray:
+    def _held(self, signal: Signal, tells: BoolArray, raw: Raw) -> FloatArray:
         """Return what a range signal told last at each frame, (n,), 0 before it told anything."""
-        told = payloads.raw(signal) * float(signal.scale) + float(signal.offset)
+        told = raw * float(signal.scale) + float(signal.offset)
         last = np.maximum.accumulate(np.where(tells, np.arange(1, len(tells) + 1), 0))
         held = np.concatenate([[self._ranges.get(signal.name, 0.0)], told])[last]
         self._ranges[signal.name] = float(held[-1]) if len(held) else 0.0
         return np.asarray(held)
 
-    def _values(
-        self, group: Group, payloads: Payloads, most: Mapping[str, FloatArray]
-    ) -> FloatArray:
-        values = np.empty((len(group.readers), len(payloads)))
-        with np.errstate(all="ignore"):
-            for reader, row in zip(group.readers, values, strict=True):
-                range_of = reader.range
-                missing, outside = reader.read(
-                    payloads, row, most.get(range_of.name) if range_of else None
-                )
-                self.counts["not_available"] += missing
-                self.counts["out_of_range"] += outside
-        return values
+    def _part(
+        self, group: Group, rows: IntArray, data: Bytes, most: Mapping[str, FloatArray]
+    ) -> Decoded:
+        values, missing, outside = group.read(data, most)
+        self.counts["not_available"] += missing
+        self.counts["out_of_range"] += outside
+        return Decoded(rows, group.channels, values)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 POLYNOMIAL: Final = 0x1D
 INITIAL: Final = 0xFF
 FINAL_XOR: Final = 0xFF
-FEW: Final = 16  # payloads, as of a live tick, that are quicker one by one
 
 
 def _table() -> bytes:
@@ -36,17 +35,14 @@ ALGORITHMS: Final = ("crc8_sae_j1850", "crc8_sae_j1850_id")  # the second begins
 def payload_checksums(
     algorithm: str, can_id: int, payloads: NDArray[np.uint8], checksum_byte: int
 ) -> NDArray[np.uint8]:
-    """Return the checksum of each row of ``payloads``, shape (n, n_bytes), as (n,).
+    """Return the checksum of each of ``payloads``, shape (..., n_bytes), as (...).
 
     algorithm : one of ALGORITHMS
-    checksum_byte : place of the checksum in a row, which does not count
+    checksum_byte : place of the checksum in a payload, which does not count
     """
-    start = _start(algorithm, can_id)
-    if len(payloads) <= FEW:
-        each = [_through(_TABLE, start, row, checksum_byte) for row in payloads.tolist()]
-        return np.array(each, dtype=np.uint8)
-    starts = np.full(len(payloads), start, dtype=np.uint8)
-    return np.asarray(_through(_TABLE_ARRAY, starts, payloads.T, checksum_byte), dtype=np.uint8)
+    starts = np.full(payloads.shape[:-1], _start(algorithm, can_id), dtype=np.uint8)
+    each = np.moveaxis(payloads, -1, 0)
+    return np.asarray(_through(_TABLE_ARRAY, starts, each, checksum_byte), dtype=np.uint8)
 
 
 def payload_checksum(

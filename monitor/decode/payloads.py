@@ -1,6 +1,7 @@
-"""Payloads of one message side by side, and the raw values in them."""
+"""Raw values of signals, read from many payloads at once."""
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Final
 
 import numpy as np
 from cantools.database.can import Message, Signal
@@ -10,64 +11,71 @@ from monitor.base.types import IntArray
 from monitor.decode.raw_values import bit_position
 
 Bytes = NDArray[np.uint8]
-Raw = NDArray[Any]  # (n,) uint64, int64 or float64; Python's integers beyond 64 bits
-_WORD = 64  # bits worked on at once
+Bits = NDArray[np.uint64]
+Numbers = NDArray[np.int16]  # (n,) of messages or signals
+Raw = NDArray[Any]  # (n,) int64 or float64; Python's integers beyond 63 bits
+_WORD: Final = 64  # bits read at once
 
 
-class Payloads:
-    """Payloads of one message side by side, ``data`` (n, n_bytes)."""
+class Fields:
+    """The places of signals in the payloads of their messages, (n, n_bytes)."""
 
-    def __init__(self, message: Message, data: Bytes) -> None:
-        self._message, self._data = message, data
-        self._words: dict[tuple[str, int], NDArray[np.uint64]] = {}
+    def __init__(self, signals: Iterable[tuple[Message, Signal]]) -> None:
+        self._odd: list[tuple[int, Message, Signal, bool]] = []  # by number, whether it is long
+        self._width = _WORD // 8  # of payloads, at least
+        rows = []  # first byte of a word, whether it is big-endian; shift, mask and sign in it
+        for i, (message, signal) in enumerate(signals):
+            position, is_big = bit_position(message, signal), signal.byte_order == "big_endian"
+            spare, length = max(message.length - _WORD // 8, 0), int(signal.length)
+            self._width = max(self._width, message.length)
+            position += is_big * 8 * (spare + _WORD // 8 - message.length)
+            low = min(position // 8, spare)
+            shift = position - 8 * low
+            is_long = max(shift, not signal.is_float) + length > _WORD
+            if is_odd := is_long or signal.is_float:
+                self._odd.append((i, message, signal, is_long))
+            sign = 0 if is_odd or not signal.is_signed else 1 << (length - 1)
+            mask = (1 << min(length, _WORD - shift)) - 1
+            rows.append((spare - low if is_big else low, is_big, shift, mask, sign))
+        columns = np.array(rows, dtype=np.uint64).reshape(-1, 5, 1).transpose(1, 0, 2)
+        self._first, self._is_big = columns[0].ravel().astype(np.int64), columns[1] > 0
+        self._shift, self.mask, self._sign = columns[2:]  # each (n_signals, 1)
 
-    def __len__(self) -> int:
-        return len(self._data)
+    def read(self, data: Bytes) -> tuple[IntArray, dict[int, Raw]]:
+        """Return raw values, (n_signals, n), and by number those that no integer of 64 bits is."""
+        bits = self._bits(data, self._first, self._is_big, self._shift, self.mask)
+        raw = ((bits ^ self._sign) - self._sign).view(np.int64)
+        return raw, {i: _odd(m, s, is_long, raw[i], data) for i, m, s, is_long in self._odd}
 
-    def at(self, places: IntArray) -> "Payloads":
-        """Return those at the places."""
-        return Payloads(self._message, self._data[places])
+    def bits(self, data: Bytes, which: Numbers | list[int]) -> Bits:
+        """Return the lowest bits, at most 64, of signal ``which`` in each payload, (n,)."""
+        places = (each.take(which) for each in (self._is_big, self._shift, self.mask))
+        return self._bits(data, (self._first.take(which), np.arange(len(data))), *places)
 
-    def raw(self, signal: Signal) -> Raw:
-        """Return a signal's raw values, (n,)."""
-        position, length = bit_position(self._message, signal), signal.length
-        if length > _WORD:
-            return self._beyond(signal, position)
-        first = position // 8 if self._data.shape[1] > _WORD // 8 else 0
-        shift = position - 8 * first
-        value = self._word(signal.byte_order, first) >> np.uint64(shift)
-        if shift + length > _WORD:
-            value |= self._word(signal.byte_order, first + 8) << np.uint64(_WORD - shift)
-        if length < _WORD:
-            value &= np.uint64((1 << length) - 1)
-        if signal.is_float:
-            number = value.astype(f"<u{length // 8}").view(f"<f{length // 8}")
-            with np.errstate(invalid="ignore"):  # signalling NaN
-                return number.astype(np.float64)
-        if signal.is_signed:
-            sign = np.int64(1 << (length - 1)) if length < _WORD else np.int64(0)
-            return (value.view(np.int64) ^ sign) - sign
-        return value
+    def _bits(self, data: Bytes, words: Any, is_big: Any, shift: Bits, mask: Bits) -> Bits:
+        """Return bits in words, given by their first bytes, or these and their payloads."""
+        if (missing := self._width - data.shape[1]) > 0:
+            data = np.pad(data, ((0, 0), (0, missing)))
+        n, width = data.shape
+        shape = width - _WORD // 8 + 1, n  # from every byte on
+        data = np.ascontiguousarray(data)
+        found: Bits = np.ndarray(shape, "<u8", data, strides=(1, width))[words]
+        if is_big.any():
+            found = np.where(is_big, found.byteswap(), found)
+        return found >> shift & mask
 
-    def _word(self, byte_order: str, first: int) -> NDArray[np.uint64]:
-        """Return eight bytes as integers, (n,), counted from the lowest one."""
-        known = self._words.get((byte_order, first))
-        if known is not None:
-            return known
-        ordered = self._data if byte_order == "little_endian" else self._data[:, ::-1]
-        part = ordered[:, first : first + 8]
-        eight = np.zeros((len(part), 8), dtype=np.uint8)
-        eight[:, : part.shape[1]] = part
-        word = eight.view("<u8")[:, 0]
-        self._words[byte_order, first] = word
-        return word
 
-    def _beyond(self, signal: Signal, position: int) -> Raw:
-        """Return raw values of more than 64 bits as Python's integers."""
+def _odd(message: Message, signal: Signal, is_long: bool, raw: Raw, data: Bytes) -> Raw:
+    """Return floating-point numbers, or integers that are too long for ``raw``."""
+    if is_long:
         order = "little" if signal.byte_order == "little_endian" else "big"
-        sign = 1 << (signal.length - 1) if signal.is_signed else 0
-        mask = (1 << signal.length) - 1
-        whole = (int.from_bytes(row.tobytes(), order) for row in self._data)  # type: ignore[arg-type]
-        found = np.empty(len(self._data), dtype=object)
-        found[:] = [(((each >> position) & mask) ^ sign) - sign for each in whole]
-        return found
+        sign = 1 << (signal.length - 1) if signal.is_signed and not signal.is_float else 0
+        position, mask = bit_position(message, signal), (1 << signal.length) - 1
+        rows = (row.tobytes().ljust(message.length, b"\0")[: message.length] for row in data)
+        whole = (int.from_bytes(row, order) for row in rows)  # type: ignore[arg-type]
+        raw = np.empty(len(data), dtype=object)
+        raw[:] = [(((each >> position) & mask) ^ sign) - sign for each in whole]
+    if signal.is_float:
+        size = signal.length // 8
+        return raw.astype(f"<u{size}").view(f"<f{size}").astype(np.float64)
+    return raw

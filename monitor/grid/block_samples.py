@@ -17,7 +17,7 @@ from monitor.frames.blocks import joined as joined_frames
 from monitor.frames.loop_frames import BUS_STATE_ID, CLEARED_ID, LOG_GAP_ID
 from monitor.grid.block_assembler import BlockAssembler
 
-_FRAMES = 1 << 20  # decoded at once
+_FRAMES = 1 << 18  # decoded at once
 _SAMPLES = 1 << 16  # that the time of the frames held may span
 _NONE = np.empty(0, dtype=np.int64)
 _BUS_STATE, _CLEARED, _GAP = (

@@ -65,8 +65,8 @@ class SignalWriter:
         self._is_signed, self._is_float = signal.is_signed, signal.is_float
         self._missing = not_available_raw(channel)
         self._conditions = [
-            (PayloadField(channel, name), frozenset(values))
-            for name, values in multiplexing(channel.message, channel.signal)
+            (PayloadField(channel, multiplexer.name), frozenset(values))
+            for multiplexer, values in multiplexing(channel.message, channel.signal)
         ]
         bits = self._field.bits
         low, high = (

@@ -1,21 +1,21 @@
 """The evidence of a recording: the values of candidates, and what guards their messages."""
 
 from collections.abc import Collection, Iterable
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from cantools.database.can import Database, Message, Signal
+from cantools.database.can import Database
 
 from monitor.base.types import FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.checksum import ALGORITHMS, payload_checksums
 from monitor.decode.parameter_groups import is_any_source
-from monitor.decode.payloads import Bytes, Payloads
+from monitor.decode.payloads import Fields
 from monitor.decode.plan import Plan
-from monitor.decode.raw_values import bit_position
+from monitor.decode.raw_values import bit_position, last_byte
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.frames.blocks import joined
 from monitor.mapping.candidates import Observed, mappable
@@ -47,8 +47,8 @@ class ShownSignals:
             for place, message, signal in mappable(database)
             if place in places
         }
-        bus_map = BusMap(((dbc, dbc),), channels, {}, tuple(channels))
-        decoder = BlockDecoder(bus_map, bus_map.names)
+        names = tuple(channels)
+        decoder = BlockDecoder(BusMap(((dbc, dbc),), channels, {}, names), names)
         block = joined(list(islice(blocks, BLOCKS)))
         t_s = (block.t_ns - block.t_ns[:1]) / 1e9
         self._block, self._channels = block, channels
@@ -69,11 +69,16 @@ class ShownSignals:
         """Return the counter and the checksum that hold in a message, whatever the names are."""
         mask, wanted = plan.match
         rows = ((self._block.key & mask) == wanted) & (self._block.length == plan.size)
-        data, message = plan.payload(self._block.data[rows]), plan.message
+        data, message = self._block.data[rows][:, : plan.size], plan.message
         if len(data) < FEW or plan.is_multiplexed:
             return {}
-        plain = [s for s in message.signals if not (s.is_signed or s.is_float)]
-        counters = ({"counter": s.name} for s in plain if _counts(message, s, data))
+        short = (s for s in message.signals if 1 < s.length <= 8 and not s.is_signed)
+        plain = [s for s in short if last_byte(message, s) < plan.size]
+        # a counter goes up by one, wrapping round, in nearly all frames
+        raw, _ = Fields((message, s) for s in plain).read(data)
+        rises = np.diff(raw) % np.array([1 << s.length for s in plain]).reshape(-1, 1) == 1
+        counting = compress(plain, rises.mean(axis=1) >= NEARLY_ALL)
+        counters = ({"counter": s.name} for s in counting)
         checksums = (
             {"checksum": s.name, "algorithm": algorithm}
             for s in plain
@@ -83,9 +88,3 @@ class ShownSignals:
             if (sums == data[:, s.start // 8]).mean() >= NEARLY_ALL
         )
         return next(counters, {}) | next(checksums, {})
-
-
-def _counts(message: Message, signal: Signal, data: Bytes) -> bool:
-    """Return whether a signal goes up by one, wrapping round, in nearly all frames."""
-    steps = np.diff(Payloads(message, data).raw(signal)) & np.uint64((1 << signal.length) - 1)
-    return bool((steps == 1).mean() >= NEARLY_ALL and 1 < signal.length <= 8)

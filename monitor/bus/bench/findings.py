@@ -19,8 +19,7 @@ from monitor.bus.link.port import BusHealth
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
 from monitor.decode.log_blocks import EngineAnswers
-from monitor.decode.payloads import Payloads
-from monitor.decode.plan import Plan
+from monitor.decode.plan import Checks, Plan
 from monitor.frames.blocks import EXTENDED, chosen
 from monitor.report.check import CheckResult
 
@@ -81,7 +80,7 @@ def messages(block: FrameBlock, bus_map: BusMap, seconds: float) -> list[Message
     for plan in decoder.plans.values():
         mask, wanted = plan.match
         own = chosen(block, (block.key & mask) == wanted)
-        n, sound = len(own.key), plan.fits(own.length)
+        n, sound = len(own.key), Checks([plan]).fits(own.length, [0])
         if plan.is_optional and not n:
             continue
         channels = [channel for group in plan.groups for channel in group.channels]
@@ -113,9 +112,9 @@ def _has_two_senders(plan: Plan, frames: FrameBlock, is_fast: bool) -> bool:
     """
     if len(frames.key) < LEAST:
         return False
-    data = plan.payload(frames.data)
+    data = frames.data
     if plan.counter is not None:
-        count, size = plan.count(Payloads(plan.message, data)).astype(int), 1 << plan.counter.length
+        count, size = Checks([plan]).counters.bits(data, [0]).astype(int), 1 << plan.counter.length
         rose_1, rose_2 = (((count[k:] - count[:-k]) % size == 1).mean() for k in (1, 2))
         return bool(rose_1 < 0.75 and rose_2 > 0.5)
     changes_1, changes_2 = ((data[k:] != data[:-k]).mean(axis=0) for k in (1, 2))
