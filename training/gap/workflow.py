@@ -5,6 +5,7 @@ that verify, else on each recording by constants from the others.
 """
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -141,8 +142,12 @@ def _described(naming: Naming, verification: Verification | None) -> str | None:
 
 def delivered(addition: Addition, verification: Verification | None, out: Path) -> Addition:
     """Return the addition with its file in ``out``, as an offer if anything speaks against it."""
-    why = addition.withdrawn or (verification.harm if verification and addition.path else None)
-    return addition.offered(out / OFFER, why) if why else addition.kept(out / NEW_MODEL)
+    if addition.path is None:
+        return addition
+    why = addition.withdrawn or (verification.harm if verification else None)
+    file = addition.path.replace(out / (OFFER if why else NEW_MODEL))
+    path, offer = (None, file) if why else (file, None)
+    return replace(addition, path=path, offer=offer, withdrawn=why)
 
 
 def _warnings(

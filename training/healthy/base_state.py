@@ -45,6 +45,7 @@ class BaseState:
     current: JointFit
     roof: scoring.Ceiling
     deviance: FloatArray  # (n_blocks,)
+    own: FloatArray  # (n_blocks,) by how much the effects in the model have made it fall
     known: Healthy | None  # the vehicle when healthy
 
     def needed(self, name: str) -> float:
@@ -77,9 +78,10 @@ def base_state(
     prior = None if base is None else Prior(base, SPREAD_CARD)
     starts = STARTS if base is None else (base,)
     made = [known.columns(drive) for drive in drives] if known else []
+    learned = [known.learned(own) for own in made] if known else [np.zeros(len(d)) for d in drives]
     case = Case(
         drives=tuple(drives),
-        corrections=_corrections(drives, known, made),
+        corrections=tuple(own + d.moved_phi for own, d in zip(learned, drives, strict=True)),
         ar=WHITE,
         sigma=SIGMA_PHI,
         prior=prior,
@@ -91,11 +93,14 @@ def base_state(
     if known:
         case = replace(case, shrinks=_shrinks(case, known, made))
     current = fit(case, (), [current, *starts])
+    without = fit(replace(case, corrections=tuple(learned)), (), [current])
+    deviance = scoring.deviance(current, case.blocks)
     return BaseState(
         case=case,
         current=current,
         roof=scoring.ceiling(case, plain),
-        deviance=scoring.deviance(current, case.blocks),
+        deviance=deviance,
+        own=scoring.deviance(without, case.blocks) - deviance,
         known=known,
     )
 
@@ -112,15 +117,6 @@ def _where_known(drives: Sequence[ChainDrive], known: Healthy) -> list[ChainDriv
     return left
 
 
-def _corrections(
-    drives: Sequence[ChainDrive], known: Healthy | None, made: Sequence[Columns]
-) -> tuple[FloatArray, ...]:
-    """Return the base's expected errors on each drive (n,), 0 without a healthy reference."""
-    if known is None:
-        return tuple(np.zeros(len(drive)) for drive in drives)
-    return tuple(known.correction(drive, own) for drive, own in zip(drives, made, strict=True))
-
-
 def _shrinks(case: Case, known: Healthy, made: Sequence[Columns]) -> tuple[Shrink, ...]:
     """Return for every drive the columns that differ between healthy drives, to integrate out.
 
@@ -135,7 +131,8 @@ def _shrinks(case: Case, known: Healthy, made: Sequence[Columns]) -> tuple[Shrin
         at = known.names.index(SKEW)
         if _is_no_phase(case, [each[:, at] for each in columns]):
             spread[at] = 0.0
-    return tuple(shrink(each, spread) for each in columns)
+    root = np.column_stack([np.diag(spread), known.doubt])
+    return tuple(shrink(each @ root) for each in columns)
 
 
 def _is_no_phase(case: Case, skews: Sequence[FloatArray]) -> bool:

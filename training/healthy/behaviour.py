@@ -54,6 +54,7 @@ class Healthy:
     ridge: Ridge
     spread: FloatArray  # (k,) of the columns' coefficients over drives
     visited: Visited
+    doubt: FloatArray  # (k, q) root of the weights' covariance; (k, 0) where ``surplus`` says it
     surplus: Mapping[str, float] = field(default_factory=dict)  # see ``yardstick``
     charge: ChargeError | None = None  # of drives with the air per stroke as broadcast
     rmse_usual: float | None = None  # phi, of healthy drives judged by others
@@ -81,20 +82,13 @@ class Healthy:
         own = self.with_own(drive)
         return replace(own, scored=own.scored & self.visited.on(own))
 
-    def learned(
-        self, drive: ChainDrive, made: Mapping[str, FloatArray] | None = None
-    ) -> FloatArray:
-        """Return the chain's expected error, (n,) in phi; see ``correction``."""
-        return self.ridge.predict(self.table(made or self.columns(drive)))
+    def learned(self, made: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the chain's expected error, (n,) in phi, from a drive's columns."""
+        return self.ridge.predict(self.table(made))
 
-    def correction(
-        self, drive: ChainDrive, made: Mapping[str, FloatArray] | None = None
-    ) -> FloatArray:
-        """Return the chain's expected error on ``drive`` if the vehicle is healthy, (n,) in phi.
-
-        made : the drive's columns, if they are at hand
-        """
-        return np.asarray(self.learned(drive, made) + drive.moved_phi)
+    def correction(self, drive: ChainDrive) -> FloatArray:
+        """Return what a healthy vehicle and the model's effects add to the chain, (n,) in phi."""
+        return np.asarray(self.learned(self.columns(drive)) + drive.moved_phi)
 
 
 def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None = None) -> Healthy:
@@ -138,6 +132,7 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
         ridge=whole,
         spread=spread,
         visited=visited,
+        doubt=whole.doubt,
         charge=charge,
     )
 
@@ -180,15 +175,21 @@ def _no_worse(
 
 
 def as_shown(drives: Sequence[ChainDrive], start: Constants) -> Sequence[ChainDrive]:
-    """Return healthy drives, without the effects in the model if the drives do not show them.
+    """Return healthy drives, without the effects in the model those that do not show them.
 
     Whoever extends a model and looks at it again may give the healthy drives from before the effect
-    was there, or new ones.
+    was there, or new ones, or both.
     """
     if not any(np.any(drive.moved_phi) for drive in drives):
         return drives
     without = [replace(drive, moved_phi=0.0) for drive in drives]
-    return min(drives, without, key=lambda each: _fit(each, [start, Constants()]).cost)
+    fits = [_fit(each, [start, Constants()]) for each in (drives, without)]
+    base = min(fits, key=lambda each: each.cost).base
+
+    def cost(drive: ChainDrive) -> float:
+        return fit(replace(_case([drive]), fixed=base), (), [base]).cost
+
+    return [min(pair, key=cost) for pair in zip(drives, without, strict=True)]
 
 
 def charged(drive: ChainDrive, error: ChargeError | None) -> ChainDrive:

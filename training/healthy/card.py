@@ -82,6 +82,7 @@ def to_card(
         "high": listed(known.ridge.high),
         "penalty": known.ridge.penalty,
         "spread": listed(known.spread),
+        **({"doubt": [*map(listed, known.doubt)]} if known.doubt.size else {}),
         "visited": {
             "cells": [_bits(row) for row in known.visited.cells],
             "coolants": _bits(known.visited.coolants),
@@ -157,7 +158,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
     weight, low, high, spread = (
         _array(stored[key], len(names)) for key in ("weight", "low", "high", "spread")
     )
-    penalty = float(stored["penalty"])
+    penalty, doubt = float(stored["penalty"]), np.reshape(stored.get("doubt", []), (len(names), -1))
     visited = Visited(
         np.stack([_bools(row) for row in stored["visited"]["cells"]]),
         _bools(stored["visited"]["coolants"]),
@@ -172,9 +173,10 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
             for name, values in stored["own"].items()
         ),
         names=names,
-        ridge=Ridge(weights=weight, low=low, high=high, held_out=np.empty(0), penalty=penalty),
+        ridge=Ridge(weight, low, high, held_out=np.empty(0), penalty=penalty, doubt=doubt),
         spread=spread,
         visited=visited,
+        doubt=doubt,
         surplus={str(name): float(value) for name, value in stored["surplus"].items()},
         charge=None if stored.get("charge") is None else ChargeError.from_card(stored["charge"]),
         rmse_usual=None if stored.get("rmse_usual") is None else float(stored["rmse_usual"]),

@@ -29,8 +29,8 @@ def corrections(
     """Return the chain's expected error, (n,) in phi, on each drive without the effects."""
     return tuple(
         known.correction(drive)
-        - known.learned(drive)
-        + known.learned(_without(known, drive, effects))
+        - known.learned(known.columns(drive))
+        + known.learned(known.columns(_without(known, drive, effects)))
         for drive in drives
     )
 

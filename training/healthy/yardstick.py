@@ -36,9 +36,8 @@ def learn(
     """Return the healthy behaviour in ``drives``, with the differences between them."""
     drives = behaviour.as_shown(drives, start)
     known = behaviour.learn(drives, start)
-    groups = min(len(drives), GROUPS_MOST)
-    if groups < GROUPS_LEAST:
-        return known
+    if (groups := min(len(drives), GROUPS_MOST)) < GROUPS_LEAST:  # a mean of few is uncertain
+        return replace(known, spread=known.spread * np.sqrt(1.0 + 1.0 / len(drives)))
     held_out = []
     for k in range(groups):
         progress(f"healthy drives without group {k + 1} of {groups}")
@@ -46,11 +45,12 @@ def learn(
         rest = [d for i, d in enumerate(drives) if i not in out]
         others = behaviour.learn(rest, start, known)
         held_out.append(([drives[i] for i in sorted(out)], others))
+    known = replace(known, doubt=known.doubt[:, :0])
     known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
     states = []
     for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
-            alike = replace(others, spread=known.spread_of(others.names))
+            alike = replace(others, spread=known.spread_of(others.names), doubt=others.doubt[:, :0])
             states.append(base_state(own, alike, alike.base))
     left = [_left_out(state) for state in states]
     names = set[str]().union(*left)

@@ -37,7 +37,7 @@ def test_a_ridge_says_of_what_hardly_moved_what_is_known_of_it() -> None:
 def test_random_coefficients_take_out_their_own_direction_and_leave_the_rest() -> None:
     rng = np.random.default_rng(2)
     column = rng.standard_normal((1000, 1))
-    root = shrink(column, np.array([10.0]))
+    root = shrink(10.0 * column)
     assert np.abs(root.apply(3.0 * column[:, 0])).max() < 0.05
     other = rng.standard_normal(1000)
     other -= column[:, 0] * (other @ column[:, 0]) / (column[:, 0] @ column[:, 0])

@@ -1,7 +1,7 @@
 """The named effects in a new model: whether they may be added, and the files that come of it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -48,16 +48,6 @@ class Addition:
     warnings: tuple[str, ...] = ()
     withdrawn: str | None = None  # why the new model is an offer only
     offer: Path | None = None  # its file then, instead of ``path``
-
-    def kept(self, path: Path) -> "Addition":
-        """Return the addition with its file, if there is one, moved to ``path``."""
-        return self if self.path is None else replace(self, path=self.path.replace(path))
-
-    def offered(self, path: Path, why: str) -> "Addition":
-        """Return the addition as an offer, its file moved to ``path``."""
-        if self.path is None:
-            return self
-        return replace(self, path=None, offer=self.path.replace(path), withdrawn=why)
 
 
 def add(

@@ -153,7 +153,7 @@ def _by_drive(case: Case, values: FloatArray) -> list[FloatArray]:
 def model_corrections(subject: Subject, case: Case, current: JointFit) -> tuple[FloatArray, ...]:
     """Return what the model predicts beyond the chain without the effects, (n,) per drive."""
     if subject.is_greybox:
-        return tuple(np.zeros(len(drive)) for drive in case.drives)
+        return tuple(np.zeros(len(drive)) + drive.moved_phi for drive in case.drives)
     runs = predicted_phi(subject.material.model, subject.material.recordings)
     alone = replace(case, corrections=tuple(np.zeros(len(drive)) for drive in case.drives))
     chain = predict(alone, current.base, (), ())

@@ -8,6 +8,7 @@ from training.gap.inputs.roles import Material
 from training.greybox.chain import Constants
 from training.greybox.fit.drive import ChainDrive
 from training.healthy import base
+from training.recordings.recording import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,15 @@ class Subject:
         """Return the chain's constants from the model's card, usual ones for a network."""
         return base.constants_of(self.card)
 
+    @property
+    def own(self) -> list[Recording]:
+        """Return the recordings that the effects in the model were fitted to: it knows them."""
+        fitted = {each["sha256"] for effect in self.card.effects for each in effect["recordings"]}
+        return [each for each in self.material.recordings if each.sha256 in fitted]
+
     def healthy_drives(self) -> list[ChainDrive]:
-        """Return the healthy recordings as drives; raises RecordingError if they are too short."""
-        drives = base.drives_of(self.material.model, self.material.healthy, self.material.healthy)
+        """Return drives, healthy or known to the model; raises RecordingError if too short."""
+        healthy = self.material.healthy
+        drives = base.drives_of(self.material.model, [*healthy, *self.own], healthy)
         suitability.check_long(drives, "healthy")
         return drives

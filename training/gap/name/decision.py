@@ -57,10 +57,7 @@ def step(
     sensor_known_good: bool,
     progress: Progress,
 ) -> StepOutcome:
-    """Return the outcome of one forward step.
-
-    whole : deviance (n_blocks,) without any effect
-    """
+    """Return the outcome of one forward step; whole : deviance (n_blocks,) before the first."""
     ranking = rank(state, candidates, progress)
     odds = posterior(state, ranking, whole)
     found = sorted((c for c in ranking if odds[c.label] > 0.0), key=lambda c: -odds[c.label])

@@ -42,9 +42,10 @@ class Knowledge:
         start = subject.start
         if known is not None:
             return cls(start, known)
-        if subject.material.healthy:
+        if subject.material.healthy or subject.own:
             learned = reference_card.kept(
-                kept, lambda: yardstick.learn(subject.healthy_drives(), start, progress)
+                None if subject.own else kept,
+                lambda: yardstick.learn(subject.healthy_drives(), start, progress),
             )
             return cls(start, learned, [] if learned.surplus else [FEW_HEALTHY])
         return cls(start, *reference_card.known_of(subject.card))

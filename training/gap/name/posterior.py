@@ -29,11 +29,14 @@ Posterior = Mapping[str, float]
 def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray) -> Posterior:
     """Return the probability of each candidate, of no gap and of another cause, sum 1.
 
-    whole : deviance (n_blocks,) without any effect, of which half is to be explained by all
+    A candidate has to explain more than effects in the model usually leave, by another form.
+
+    whole : deviance (n_blocks,) before any step, of which half is to be explained by all
     """
     drawn, after = scoring.draws(len(whole)), np.array([c.left for c in ranking])
     gains = drawn @ (state.deviance - after).T
-    gains = np.where(gains >= [c.merit.needed for c in ranking], gains, 0.0)
+    is_more = gains > USUAL_SHARE * (drawn @ state.own[:, np.newaxis] + gains)
+    gains = np.where(is_more & (gains >= [c.merit.needed for c in ranking]), gains, 0.0)
     best, is_large = gains.argmax(axis=1), gains.max(axis=1) > 0.0
     counts = dict.fromkeys([*(c.label for c in ranking), NONE, UNKNOWN], 0)
     is_clear = _is_clear(state)
@@ -55,7 +58,8 @@ def _is_clear(state: BaseState) -> bool:
     rest = scoring.left_by(state.roof, known, errors, blocks)
     moved = np.bincount(blocks, (rest - errors) ** 2).astype(np.float64)
     score = scoring.score(scoring.by_block(errors, blocks), scoring.by_block(rest, blocks), moved)
-    return score.gain >= GAP_GAIN and score.t >= GAP_T
+    usual = USUAL_SHARE * (float(state.own.sum()) + score.gain)
+    return score.gain >= max(GAP_GAIN, usual) and score.t >= GAP_T
 
 
 def _explains_half(

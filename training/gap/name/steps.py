@@ -45,8 +45,7 @@ class _Path:
 
     def left(self, candidates: Sequence[Term]) -> list[Term]:
         """Return the candidates without those of the rounds."""
-        names = [effect.name for effect in self.effects]
-        return [c for c in candidates if c.name not in names]
+        return [c for c in candidates if c.name not in [each.name for each in self.effects]]
 
     def take(self, effect: Candidate, ranking: tuple[Candidate, ...]) -> None:
         """Add a round."""

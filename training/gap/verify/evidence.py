@@ -101,14 +101,10 @@ class Verification:
         return share_gone(self.overall, None if self.healthy is None else self.healthy.before)
 
     @property
-    def rate_before(self) -> float | None:
-        """Return the share of faulty drives in which the old model finds a fault."""
-        return rate([f.before for f in self.faults])
-
-    @property
-    def rate_after(self) -> float | None:
-        """Return the share of faulty drives in which the new model finds a fault."""
-        return rate([f.after for f in self.faults if f.after is not None])
+    def rates(self) -> tuple[float | None, float | None]:
+        """Return the share of faulty drives in which the old and the new model find a fault."""
+        after = [f.after for f in self.faults if f.after is not None]
+        return rate([f.before for f in self.faults]), rate(after)
 
     @property
     def harm(self) -> str | None:

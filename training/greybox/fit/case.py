@@ -22,8 +22,6 @@ from training.greybox.fit.sensor_faults import FaultHypothesis
 
 Term = Effect | FaultHypothesis
 WHITE: Final = (0.9, 0.0)  # nearly differences: slow errors are left to the correction
-
-
 VALUE_LEAST = 0.02  # of a direction, in sigma squared: a smaller one changes errors by under 1 %
 
 
@@ -40,9 +38,8 @@ class Shrink:
         return np.asarray(error - self.directions @ inner)
 
 
-def shrink(columns: FloatArray, spread: FloatArray) -> Shrink:
-    """Return the root for whitened columns (m, k) whose coefficients have this spread (k,)."""
-    scaled = columns * spread
+def shrink(scaled: FloatArray) -> Shrink:
+    """Return the root for whitened columns (m, k) whose coefficients have a spread of 1."""
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     used = values > VALUE_LEAST
     directions = scaled @ vectors[:, used] / np.sqrt(values[used])

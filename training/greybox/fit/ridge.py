@@ -21,6 +21,7 @@ class Ridge:
     high: FloatArray
     held_out: FloatArray  # (n,) prediction of each sample by a fit without its fold
     penalty: float
+    doubt: FloatArray  # (k, k) root of the weights' covariance for a target with noise 1
 
     def predict(self, columns: FloatArray) -> FloatArray:
         """Return the prediction (n,) for columns (n, k)."""
@@ -72,4 +73,5 @@ def fit(
     found = np.linalg.solve(gram + ridges[best], moment) / scale
     found = np.where(used | (np.diag(prior) > 0.0), found, 0.0)
     low, high = limits or (columns.min(axis=0), columns.max(axis=0))
-    return Ridge(found, low, high, held_out[:, best].copy(), penalties[best])
+    root = np.linalg.inv(np.linalg.cholesky(gram + ridges[best])).T * inverse[:, np.newaxis]
+    return Ridge(found, low, high, held_out[:, best].copy(), penalties[best], root)

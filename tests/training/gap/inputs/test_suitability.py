@@ -99,12 +99,10 @@ def test_cells_count_as_visited_from_fifteen_seconds_on() -> None:
 
 
 def test_drives_that_do_not_say_their_coolant_temperature_count_as_of_any() -> None:
-    n = 6000
-    warm = drive(1, engine_speed_rpm=np.full(n, 2000.0), air_mass_mg=np.full(n, 250.0))
-    silent = replace(
-        warm, signals={k: v for k, v in warm.signals.items() if k != "coolant_temperature_degc"}
-    )
-    assert "coolant_temperature_degc" in warm.signals
+    warm = drive(1, engine_speed_rpm=np.full(6000, 2000.0), air_mass_mg=np.full(6000, 250.0))
+    signals = dict(warm.signals)
+    assert signals.pop("coolant_temperature_degc") is not None
+    silent = replace(warm, signals=signals)
     assert Visited.of([warm]).on(silent)[warm.scored].all()
     assert Visited.of([silent]).on(warm)[warm.scored].all()
 

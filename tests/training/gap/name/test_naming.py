@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 
 from benchmarks.gap_cases.answers import contradicts
-from tests.helpers.gap.gap_simulated import known, two_drives
+from tests.helpers.gap.gap_simulated import healthy, known, two_drives
 from training.gap.name import naming
 from training.gap.name.decision import StepOutcome
 from training.gap.name.formulas.contest import beats
 from training.gap.name.ranking import rank
 from training.gap.name.steps import Advance
 from training.gap.name.verdict import Naming
-from training.greybox.chain import simulate
+from training.greybox.chain import Constants, simulate
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.empirical import effect_of
 from training.greybox.effects.model_effect import ModelEffect, along
 from training.greybox.fit.drive import ChainDrive, path_of
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.quantity.dynamics import delayed
+from training.healthy import yardstick
 from training.healthy.base_state import base_state
 from training.healthy.scoring import win
 from training.healthy.without import corrections
@@ -53,6 +54,11 @@ def test_drives_like_the_healthy_ones_have_no_gap() -> None:
     assert next(iter(found.posterior)) == "none"
     assert {"unknown", "none", "biased"} <= set(found.posterior)
     assert sum(found.posterior.values()) == pytest.approx(1.0)
+    # nor is what two healthy drives leave open one, and it hides no effect
+    few = yardstick.learn(healthy()[1:3], Constants())
+    assert name(two_drives(2_200_120), few).verdict == "no_gap"
+    film = name(two_drives(2_200_140, ("wall_film", 4.0)), few)
+    assert (film.verdict, [e.name for e in film.answer.effects]) == ("named", ["wall_film"])
 
 
 @pytest.mark.parametrize(("effect", "severity"), [("wall_film", 4.0), ("purge", 4.0)])

@@ -11,6 +11,8 @@ from training.gap.name.onset import onset_s
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import JointFit, fit
 
+BEGINS = (np.arange(6000) > 2500).astype(float)
+
 
 def explained(
     strength: FloatArray, size: FloatArray | None = None
@@ -30,18 +32,16 @@ def explained(
 
 
 def test_what_begins_within_a_drive_is_an_onset_and_what_is_always_there_is_none() -> None:
-    begins = (np.arange(6000) > 2500).astype(float)
-    found = onset_s(*explained(begins))
+    found = onset_s(*explained(BEGINS))
     assert found is not None
     assert found[0] == "drive 1"
     assert found[1] == pytest.approx(285.0, abs=75.0)
     assert onset_s(*explained(np.ones(6000))) is None
-    assert onset_s(*explained(0.6 + 0.4 * begins)) is None
+    assert onset_s(*explained(0.6 + 0.4 * BEGINS)) is None
 
 
 def test_a_little_that_hardly_shows_before_is_no_onset() -> None:
     # GIVEN an effect that is not there where it would hardly show, such as while the engine is cold
-    begins = (np.arange(6000) > 2500).astype(float)
     for before, onset in ((0.4, False), (2.0, True)):  # of the size where it is there
-        size = np.where(begins > 0.0, 5.0, before)
-        assert (onset_s(*explained(begins, size)) is not None) == onset
+        size = np.where(BEGINS > 0.0, 5.0, before)
+        assert (onset_s(*explained(BEGINS, size)) is not None) == onset

@@ -14,7 +14,7 @@ from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import base_path, simulate
 from training.greybox.effects import LIBRARY
-from training.greybox.fit.drive import ChainDrive, make
+from training.greybox.fit.drive import ChainDrive, make, phi_of
 from training.greybox.fit.joint import fit
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.quantity.dynamics import lag
@@ -80,6 +80,13 @@ def test_a_slow_sensor_at_one_steady_point_a_drive_is_likeliest_though_no_signal
     state = replace(begun, case=case).with_fit(fit(case, (), [BASE]))
     slow = rank(state, [fault for fault in FAULTS if fault.name == "slow_symmetric"])
     assert posterior(state, slow, state.deviance)["slow_symmetric"] > 0.95
+
+
+def test_what_effects_in_a_model_move_counts_without_a_healthy_reference_too() -> None:
+    drive = steady(1500.0, 200.0, 0.5)
+    moved = replace(drive, moved_phi=0.8 * (drive.phi_measured - phi_of(drive, BASE)))
+    state = base_state([moved], None, BASE)
+    assert state.deviance.sum() < 0.5 * state.own.sum()
 
 
 def test_a_second_step_parts_the_first_ones_effect_from_pairs_with_it() -> None:

@@ -1,9 +1,6 @@
 """The naming on an engine that neither the dynamometer's equations nor the library's made."""
 
-from collections.abc import Mapping
 from functools import cache, partial
-
-import pytest
 
 from benchmarks.studies.second.engine import SOUND, Sensor, drive
 from training.gap.name.naming import name
@@ -25,16 +22,11 @@ def test_the_healthy_vehicle_has_volumes_of_its_own() -> None:
     assert min(volumes.values()) > 0.1  # litres
 
 
-@pytest.mark.parametrize(
-    ("hidden", "sensor", "said"),
-    [
+def test_an_effect_and_a_slow_sensor_of_a_second_engine_are_told() -> None:
+    for hidden, sensor, said in (
         ({}, SOUND, ("no_gap", [])),
         ({"wall_film": 1.5}, SOUND, ("named", ["wall_film"])),
         ({}, Sensor(lag_s=0.25), ("sensor_fault_suspected", [])),
-    ],
-)
-def test_an_effect_and_a_slow_sensor_of_a_second_engine_are_told(
-    hidden: Mapping[str, float], sensor: Sensor, said: tuple[str, list[str]]
-) -> None:
-    found = name([driven(2100 + i, hidden, sensor) for i in range(2)], known())
-    assert (found.verdict, [each.name for each in found.answer.effects]) == said
+    ):
+        found = name([driven(2100 + i, hidden, sensor) for i in range(2)], known())
+        assert (found.verdict, [each.name for each in found.answer.effects]) == said

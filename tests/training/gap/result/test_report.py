@@ -459,8 +459,8 @@ def test_worse_regimes_and_lost_faults_are_warned_of() -> None:
 
 def test_a_model_with_which_the_monitor_decides_less_is_not_the_headline_s() -> None:
     # GIVEN a new model that closes the gap, and a monitor that decides nothing with it
-    own, blind = verified(), Count(4, 0, 0, 0, ())
-    own = replace(own, faults=(replace(own.faults[0], after=blind),))
+    own = verified()
+    own = replace(own, faults=(replace(own.faults[0], after=Count(4, 0, 0, 0, ())),))
     assert own.harm is not None
     # WHEN it is therefore an offer
     offered = replace(OFFERED, withdrawn=own.harm)

@@ -104,7 +104,7 @@ def test_a_model_with_what_was_missing_is_better_everywhere_and_still_finds_faul
     assert found.healthy.after == pytest.approx(0.02, rel=0.05)
     # AND the monitor finds every fault with both, and nothing where there is none
     assert [(f.fault, f.severity) for f in found.faults] == [(f.name, f.severity) for f in FAULTS]
-    assert (found.rate_before, found.rate_after) == (1.0, 1.0)
+    assert found.rates == (1.0, 1.0)
     assert found.alarms is not None
     assert found.alarms.after == Count(3, 3, 0, 0, ())
     assert found.harm is None
@@ -131,7 +131,7 @@ def test_without_a_new_model_there_are_the_old_ones_figures_alone(
     assert found.overall.after is None
     assert found.closed is None
     assert all(e.change_low is None and not e.worse and not e.better for e in found.regimes)
-    assert (found.rate_before, found.rate_after) == (1.0, None)
+    assert found.rates == (1.0, None)
 
 
 def slow_noise(seed: int, n: int) -> FloatArray:
@@ -188,7 +188,7 @@ def test_a_fault_that_the_new_model_finds_no_more_is_told(
     found = verified(models[0], blind, held_out(), faults=faults)
     # THEN the biased one is lost, the late one not
     assert [f.lost for f in found.faults] == [True, False]
-    assert (found.rate_before, found.rate_after) == (1.0, 0.5)
+    assert found.rates == (1.0, 0.5)
     assert found.harm is not None
     assert (
         "finds a fault put on in 1 of 2 drives with the new model, in 2 with the old" in found.harm
@@ -211,5 +211,5 @@ def test_a_model_without_limits_is_verified_without_the_monitor(
     found = verified(bare, models[1], held_out())
     assert found.overall.after is not None
     assert found.faults == ()
-    assert found.rate_before is None
+    assert found.rates == (None, None)
     assert "the model card has no limit" in found.notes[0]
