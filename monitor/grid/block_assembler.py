@@ -115,7 +115,7 @@ class BlockAssembler:
             grid = self._grid or self._anchor(int(t_ns[begin]))
             stop, late, is_jump = self._until_break(grid, t_ns[begin:end])
             for part in parts:
-                inside = slice(*np.searchsorted(part.rows, (begin, begin + stop)).tolist())
+                inside = slice(*part.rows.searchsorted((begin, begin + stop)).tolist())
                 rows, values = part.rows[inside], part.values[:, inside]
                 if late.size:
                     kept = ~np.isin(rows, late + begin)
@@ -287,7 +287,7 @@ class _Grid:
         numbers_of, times_ns, data = [_NONE], [_NONE], [np.empty(0)]
         kept, self._kept = self._kept, []
         for numbers, t_ns, values in kept:
-            n = int(np.searchsorted(t_ns, end_ns, "right"))  # ticks never fall
+            n = int(t_ns.searchsorted(end_ns, "right"))  # ticks never fall
             numbers_of.append(numbers.repeat(n))
             times_ns += [t_ns[:n]] * len(numbers)
             data.append(values[:, :n].ravel())

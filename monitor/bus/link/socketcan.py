@@ -74,6 +74,7 @@ class SocketReader:
         self._parts["base"] = self._frames.ctypes.data + places * np.uintp(_FRAME.itemsize)
         self._parts["n_bytes"] = _FRAME.itemsize
         self._headers = np.zeros(FRAMES, dtype=_HEADER)
+        self._address = ctypes.c_void_p(self._headers.ctypes.data)
         message = self._message = self._headers["message"]
         message["parts"] = self._parts.ctypes.data + places * np.uintp(_PART.itemsize)
         message["n_parts"] = 1
@@ -100,13 +101,7 @@ class SocketReader:
         if not self._is_full and not self._wait(wait_s, tick_end_ns):
             return NOTHING
         self._message["control_bytes"] = _CONTROL.itemsize
-        n = self._recvmmsg(
-            self._socket.fileno(),
-            ctypes.c_void_p(self._headers.ctypes.data),
-            FRAMES,
-            socket.MSG_DONTWAIT,
-            None,
-        )
+        n = self._recvmmsg(self._socket.fileno(), self._address, FRAMES, socket.MSG_DONTWAIT, None)
         self._is_full = n == FRAMES
         if n < 0:
             reason = ctypes.get_errno()
@@ -133,8 +128,9 @@ class SocketReader:
         length = length.astype(np.uint8)
         width = 8 if length.max(initial=0) <= 8 else 64
         data = frames["data"][:, :width].copy()
-        data[np.arange(width) >= length[:, np.newaxis]] = 0
-        whole = np.isin(size, _SIZES)
+        if (length < width).any():
+            data[np.arange(width) >= length[:, np.newaxis]] = 0
+        whole = (size == _SIZES[0]) | (size == _SIZES[1])
         odd = (can_id & (_IS_ERROR | _IS_REMOTE) != 0) | ~whole
         block = FrameBlock(t_ns, can_id, length, data)  # the flag of 29 bits is that of a key
         if not odd.any():

@@ -5,6 +5,9 @@
 """
 
 from functools import lru_cache
+from itertools import chain, repeat
+
+import numpy as np
 
 from monitor.base.types import FrameBlock
 from monitor.frames.blocks import EXTENDED
@@ -14,18 +17,13 @@ _CLASSIC = 8  # bytes of data; longer frames are of CAN FD
 
 def lines_of(block: FrameBlock, channel: str = "") -> bytes:
     """Return the frames' lines on a channel, their times in whole microseconds."""
-    digits = block.data.tobytes().hex().upper()
-    begins = range(0, len(digits), 2 * block.data.shape[1])
-    times = [
-        f"{t_us:07d}" if t_us >= 0 else f"{t_us:08d}" for t_us in (block.t_ns // 1000).tolist()
-    ]
-    rows = zip(times, block.key.tolist(), block.length.tolist(), begins, strict=True)
-    lines = [
-        f"({time[:-6]}.{time[-6:]}{_name(key, length > _CLASSIC, channel)}"
-        f"{digits[begin : begin + 2 * length]} R\n"
-        for time, key, length, begin in rows
-    ]
-    return "".join(lines).encode()
+    digits = block.data.tobytes().hex(" ", block.data.shape[1]).upper().split()
+    seconds, rest_us = np.divmod(abs(block.t_ns // 1000), 1_000_000)
+    columns = np.where(block.t_ns < 0, "-", ""), seconds, rest_us, 2 * block.length
+    *times, n_digits = (column.tolist() for column in columns)
+    names = map(_name, block.key.tolist(), (block.length > _CLASSIC).tolist(), repeat(channel))
+    values = chain.from_iterable(zip(*times, names, n_digits, digits, strict=True))
+    return ("(%s%d.%06d%s%.*s R\n" * len(digits) % tuple(values)).encode()
 
 
 @lru_cache(maxsize=1 << 12)
