@@ -29,19 +29,12 @@ PHI: Final = "phi = 1 / lambda, outside fuel cut"
 
 
 @dataclass(frozen=True, slots=True)
-class NewModelFile:
-    """A model file with its hash and kind."""
-
-    path: Path
-    sha256: str
-    kind: str  # "narx", "greybox"
-
-
-@dataclass(frozen=True, slots=True)
 class Inputs:
     """The model under study and the recordings that were read."""
 
-    model: NewModelFile
+    model: Path
+    sha256: str  # of the model's file
+    kind: str  # "narx", "greybox"
     recordings: tuple[TrainingRecording, ...]  # in which the effect was looked for
     healthy: tuple[TrainingRecording, ...]
     verify: tuple[TrainingRecording, ...]  # seen by no fit
@@ -59,8 +52,7 @@ class Inputs:
     ) -> "Inputs":
         """Return the inputs with hashes; roles : recordings, healthy ones, those that verify."""
         new, healthy, verify = (tuple(map(training_recording, each)) for each in roles)
-        file = NewModelFile(model, sha256(model), kind)
-        return cls(file, new, healthy, verify, sensor_known_good, unit)
+        return cls(model, sha256(model), kind, new, healthy, verify, sensor_known_good, unit)
 
     @property
     def simulated(self) -> tuple[bool, ...]:
@@ -170,18 +162,13 @@ def as_json(result: Result) -> dict[str, Any]:
         "simulated": any(inputs.simulated),
         "sensor_known_good": inputs.sensor_known_good,
         "base_model": {
-            "path": str(inputs.model.path),
-            "sha256": inputs.model.sha256,
-            "kind": inputs.model.kind,
+            "path": str(inputs.model),
+            "sha256": inputs.sha256,
+            "kind": inputs.kind,
         },
-        **{
-            role: [_recording(r) for r in used]
-            for role, used in (
-                ("recordings", inputs.recordings),
-                ("healthy", inputs.healthy),
-                ("held_out", inputs.verify),
-            )
-        },
+        "recordings": [*map(_recording, inputs.recordings)],
+        "healthy": [*map(_recording, inputs.healthy)],
+        "held_out": [*map(_recording, inputs.verify)],
         "seconds": result.seconds,
     }
     tree: dict[str, Any] = json_tree(found, digits=None)

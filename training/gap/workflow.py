@@ -74,7 +74,7 @@ def investigate(
     naming = name(
         subject.drives,
         found.known,
-        found.base if subject.is_greybox else None,
+        found.start if subject.is_greybox else None,
         steps=options.steps,
         sensor_known_good=options.sensor_known_good,
         progress=progress,

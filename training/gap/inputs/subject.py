@@ -40,7 +40,9 @@ class Subject:
     @property
     def own(self) -> list[Recording]:
         """Return the recordings that the effects in the model were fitted to: it knows them."""
-        fitted = {each["sha256"] for effect in self.card.effects for each in effect["recordings"]}
+        fitted = {
+            each["sha256"] for effect in self.card.effects for each in effect.get("recordings", ())
+        }
         return [each for each in self.material.recordings if each.sha256 in fitted]
 
     def healthy_drives(self) -> list[ChainDrive]:

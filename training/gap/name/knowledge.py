@@ -51,11 +51,6 @@ class Knowledge:
         return cls(start, *reference_card.known_of(subject.card))
 
     @property
-    def base(self) -> Constants:
-        """Return the constants on which effects are named, beside the vehicle's volumes."""
-        return self.known.base if self.known else self.start
-
-    @property
     def plain(self) -> Constants:
         """Return the constants of the chain without volumes."""
         return self.known.plain if self.known else self.start

@@ -52,9 +52,6 @@ def at_bound(parameter: Parameter, value: float) -> bool:
 
 def recordings(result: Result) -> list[tuple[str, TrainingRecording]]:
     """Return every recording after the use that was made of it."""
-    groups: tuple[tuple[str, tuple[TrainingRecording, ...]], ...] = (
-        ("verifies", result.inputs.verify),
-        ("looked at", result.inputs.recordings),
-        ("healthy", result.inputs.healthy),
-    )
-    return [(role, r) for role, group in groups for r in group]
+    given = result.inputs
+    groups = {"verifies": given.verify, "looked at": given.recordings, "healthy": given.healthy}
+    return [(role, r) for role, group in groups.items() for r in group]

@@ -19,10 +19,10 @@ PACKAGES: Final = ("numpy", "scipy", "onnx", "onnxruntime")
 
 def as_page(result: Result) -> str:
     """Return the whole page as HTML; nothing is loaded from elsewhere."""
-    model, good = result.inputs.model, "" if result.inputs.sensor_known_good else "not "
+    given, good = result.inputs, "" if result.inputs.sensor_known_good else "not "
     return page(
         "gap/report.html",
-        f"Model gap: {model.path.name}",
+        f"Model gap: {given.model.name}",
         verdict=verdict_sentence(result),
         confidence=confidence(result),
         kind=result.verdict,
@@ -37,7 +37,7 @@ def as_page(result: Result) -> str:
         cells=cells,
         draw=gap_figures,
         footer=[
-            f"Model {model.path} ({model.kind}), sha256 {model.sha256}",
+            f"Model {given.model} ({given.kind}), sha256 {given.sha256}",
             f"The sensor was {good}declared good.",
             *([] if result.seconds is None else [f"The workflow took {result.seconds:.0f} s."]),
             "Packages: " + ", ".join(f"{name} {version(name)}" for name in PACKAGES),

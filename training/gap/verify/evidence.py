@@ -151,10 +151,8 @@ class Verification:
             "regimes": [_error(e) for e in self.regimes],
             "healthy": None if self.healthy is None else _error(self.healthy),
             "detection": [asdict(f) | {"lost": f.lost} for f in self.faults],
-            "false_alarms": None if self.alarms is None else asdict(self.alarms),
-            "false_alarms_healthy": (
-                None if self.healthy_alarms is None else asdict(self.healthy_alarms)
-            ),
+            "false_alarms": self.alarms and asdict(self.alarms),
+            "false_alarms_healthy": self.healthy_alarms and asdict(self.healthy_alarms),
             "notes": list(self.notes),
         }
 

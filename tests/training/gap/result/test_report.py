@@ -28,7 +28,7 @@ from training.gap.name.verdict import (
 )
 from training.gap.pages import gap_page
 from training.gap.pages.verdict_words import actions, verdict_sentence
-from training.gap.result import Inputs, NewModelFile, Result, as_json
+from training.gap.result import Inputs, Result, as_json
 from training.gap.verify.error_curve import ErrorCurve
 from training.gap.verify.evidence import Count, Detection, Error, ErrorTrace, Verification
 from training.greybox.chain import Constants
@@ -54,7 +54,7 @@ CONTRACT = {
     *("schema", "verdict", "where", "effects", "rmse_before", "rmse_after", "noise_floor"),
     *("detection_before", "detection_after", "experiment", "model"),
 }
-MODEL = NewModelFile(Path("models/base.onnx"), "b" * 64, "greybox")
+MODEL = (Path("models/base.onnx"), "b" * 64, "greybox")
 
 
 def candidate(name: str, score: float) -> Candidate:
@@ -172,7 +172,7 @@ def made(verdict: Verdict) -> Result:
     named = verdict == "named"
     return Result(
         inputs=Inputs(
-            model=MODEL,
+            *MODEL,
             recordings=(used("new<1>.csv"),),
             healthy=(used("old.csv"),),
             verify=(used("held & out.csv"),),
@@ -383,7 +383,7 @@ def test_the_verdict_stands_first_with_its_figures_and_what_to_do_now(
 def test_a_page_about_simulated_recordings_says_so() -> None:
     one, driven = made("named"), (used("wltc.csv", "simulated"),)
     some = replace(one, inputs=replace(one.inputs, recordings=driven))
-    every = replace(one, inputs=Inputs(MODEL, driven, healthy=driven, verify=driven))
+    every = replace(one, inputs=Inputs(*MODEL, driven, healthy=driven, verify=driven))
     for one, words in (
         (some, "Some of the recordings are simulated."),
         (every, "All of it is about simulated recordings."),
