@@ -21,8 +21,7 @@ from benchmarks.speed.training_packages import package
 from benchmarks.training_sets.public_data import Plant, PlantRecord
 from training.limits.evaluation import predict
 from training.narx.fit import FitOptions, FitSource, fit
-from training.narx.linear.arx import MAX_ORDER, arx_delays, best_in_free_run
-from training.narx.linear.regressors import largest_order, triangle
+from training.narx.linear.arx import arx_delays, best_in_free_run, largest_order, triangle
 from training.narx.network import describe
 from training.recordings.prediction import Model
 from training.recordings.recording import of_columns
@@ -82,7 +81,7 @@ def begun(record: PlantRecord, washout: int, lags: int) -> tuple[PlantRecord, in
 def arx(plant: Plant, work: Work) -> FreeRuns:
     """Return the free runs of the best ARX in free run of all orders up to 20."""
     fitted, held_out = ([(r.u, r.y) for r in part] for part in halves(plant))
-    order = largest_order(fitted, MAX_ORDER)
+    order = largest_order(fitted)
     data = triangle(fitted, order, 2 * order)
     model = best_in_free_run(data, held_out, order, arx_delays(data, order))
     runs = {}

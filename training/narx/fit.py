@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,8 @@ from training.narx.search.stability import Contraction
 from training.narx.search.stages import N_SAMPLES, Trained, train
 from training.narx.search.structure import FOLDS, STARTS, Search, Try, folds_of
 from training.narx.work import Work
+from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
-
-if TYPE_CHECKING:
-    from training.recordings.recording import Recording
 
 LAGS, HIDDEN = 5, (8, 8)  # of the paper's network
 PARTS = 3  # of equal work: the search, the members of its mean, the twins
@@ -82,7 +80,7 @@ class FitOptions:
 class FitSource:
     """Recordings and signals of a fit, to be prepared with several sets of held-out blocks."""
 
-    recordings: "Sequence[Recording]"
+    recordings: Sequence[Recording]
     inputs: Sequence[str]
     output: str
 

@@ -42,11 +42,6 @@ class Spec:
             raise ValueError(f"{self}: inputs, lags and hidden layers must be positive")
         if self.input_lag_start not in (0, 1):
             raise ValueError(f"input_lag_start {self.input_lag_start}: must be 0 or 1")
-        if self.linear_path and not self.hidden:
-            raise ValueError(f"{self}: a model without hidden layers is linear already")
-        edges = [edge for box in self.boxes for edge in box]
-        if edges != sorted(edges) or edges[0] not in (0, 1) or any(a >= b for a, b in self.boxes):
-            raise ValueError(f"input_boxes {self.input_boxes}: must ascend from lag 0 or 1")
 
     @property
     def boxes(self) -> tuple[tuple[int, int], ...]:

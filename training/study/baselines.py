@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -11,10 +12,9 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
 from training.narx.linear import arx
-from training.narx.linear.arx import common_delays, solve_arx
-from training.narx.linear.models import LinearModel, free_run_error, free_runs
+from training.narx.linear.arx import Triangle, common_delays, largest_order, solve_arx, triangle
+from training.narx.linear.models import LinearModel, Stretch, free_run_error, free_runs
 from training.narx.linear.prediction_error import refine
-from training.narx.linear.regressors import Stretch, Triangle, largest_order, triangle
 from training.narx.linear.responses import band, impulse_response, independence, whiteness
 from training.recordings.metrics import correlation, fit_percent, rmse
 from training.recordings.recording import Recording
@@ -30,7 +30,6 @@ LEAST_ORDER = 2
 IMPULSE_LAGS = 50  # samples
 CRITERIA = {"arx_sum_of_squares": "validation_loss", "arx_mdl": "mdl", "arx_aic": "aic"}
 
-Figures = dict[str, Any]
 Cut = tuple[Sequence[Recording], list[LinearStretch]]  # recordings, filtered stretches
 
 
@@ -59,7 +58,7 @@ def linear(
     output: str,
     *,
     period_s: float,
-) -> Figures:
+) -> dict[str, Any]:
     """Return the linear study of one output.
 
     train, validate, test : stretches (u (n, k), y (n,)) of finite samples; models are fitted on
@@ -71,7 +70,7 @@ def linear(
     roles = {"training": train, "validation": validate, "test": test}
     if not train:
         raise RecordingError("training: no stretch of samples, at least one is wanted")
-    order = largest_order(train, arx.MAX_ORDER)
+    order = largest_order(train)
     longest = min(max((len(y) for _, y in each), default=0) for each in roles.values())
     order = min(order, max(LEAST_ORDER, longest // 4))
     skip = 2 * order
@@ -83,7 +82,6 @@ def linear(
     fits = {name: _scores(m, case) for name, m in models.items()}
     errors = {name: each["validation_rmse"] for name, each in fits.items() if each["stable"]}
     result = {
-        "schema": "o2train.study.linear/1",
         "inputs": inputs,
         "output": output,
         "period_s": period_s,
@@ -142,7 +140,7 @@ def _models(case: BaselineCase) -> tuple[dict[str, LinearModel], int]:
     return models | {"output_error": min(simulated, key=error)}, len(grid)
 
 
-def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
+def _impulse(case: BaselineCase, inputs: Sequence[str]) -> dict[str, Any]:
     samples = sum(len(y) for _, y in case.train)
     lags = max(5, min(IMPULSE_LAGS, samples // (20 * len(inputs))))
     found = impulse_response(case.train, lags)
@@ -152,15 +150,14 @@ def _impulse(case: BaselineCase, inputs: Sequence[str]) -> Figures:
     return {
         "rows": [dict(zip(names, row, strict=True)) for row in rows],
         "largest_arx_delay": case.order,
-        "largest_autocorrelation_left": float(np.abs(found.white).max()),
     }
 
 
-def _scores(model: LinearModel, case: BaselineCase) -> Figures:
+def _scores(model: LinearModel, case: BaselineCase) -> dict[str, Any]:
     """Return orders, and fits of one step and free run; those of an unstable free run are None."""
-    known: Figures = {"parameters": model.n_parameters, "stable": model.stable}
+    known: dict[str, Any] = {"parameters": model.n_parameters, "stable": model.stable}
     known |= {"na": len(model.a), "nb": model.b.shape[1], "nk": model.delays}
-    one_step = case.scored([model.predict(u, y) for u, y in case.test])
+    one_step = case.scored([y - model.errors(u, y) for u, y in case.test])
     known["one_step_fit_percent"] = fit(case.scored([y for _, y in case.test]), one_step)
     for of, each in (("validation_", case.validate), ("", case.test)):
         measured = case.scored([y for _, y in each])
@@ -182,7 +179,7 @@ MEASURES: Final = {"rmse": rmse, "fit_percent": fit, "correlation": correlation}
 
 def _residuals(
     models: Mapping[str, LinearModel], case: BaselineCase, inputs: Sequence[str]
-) -> dict[str, Figures]:
+) -> dict[str, dict[str, Any]]:
     """Return the residual tests of all models on the test stretches.
 
     The residuals are one-step residuals, for output error models simulation residuals.
@@ -221,14 +218,11 @@ def _stretches(task: Task, band_hz: Sequence[float] | None) -> tuple[LinearData,
     roles = [np.full(len(r.t_s), -1, dtype=np.int8) for r in task.recordings]
     for s in task.data.segments:
         roles[s.recording][s.first : s.first + s.stop - s.start] = task.data.role[s.start : s.stop]
-    cuts: dict[Role, Cut] = {}
-    for role in Role:
-        found = [
-            LinearStretch(p.recording, p.first + a, p.t_s[a:b], p.values[a:b])
-            for p in whole
-            for a, b in runs(roles[p.recording][p.first : p.first + len(p.t_s)] == role)
-        ]
-        cuts[role] = (task.recordings, found)
+    cuts: dict[Role, Cut] = {role: (task.recordings, []) for role in Role}
+    for p, role in product(whole, Role):
+        for a, b in runs(roles[p.recording][p.first : p.first + len(p.t_s)] == role):
+            part = LinearStretch(p.recording, p.first + a, p.t_s[a:b], p.values[a:b])
+            cuts[role][1].append(part)
     if task.test:
         drives, _ = linear_stretches(task.test, task.inputs, task.output, reference=prepared)
         cuts[Role.TEST] = (task.test, drives)
@@ -247,7 +241,7 @@ def beside(task: Task, parts: Parts) -> dict[str, Any]:
     model, skip = chosen(task, parts), found["skip"]
     prepared, cuts = _stretches(task, found["band_hz"])
     recordings, stretches = cuts[Role.TEST]
-    held = FreeRun.of(judged_on(task), model.spec, model.weights)
+    held = FreeRun.of(judged_on(task, task.data), model.spec, model.weights)
     rows = [np.full(len(r.t_s), np.nan) for r in recordings]
     for s in held.data.segments:
         rows[s.recording][s.first : s.first + s.stop - s.start] = held.predicted[s.start : s.stop]

@@ -17,7 +17,7 @@ from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
 from training.limits.decision_limits import set_limits
 from training.narx.cross_fit import cross_fit
-from training.narx.fit import FitOptions, FitResult, FitSource, fit, write_model
+from training.narx.fit import FitOptions, FitSource, fit, write_model
 from training.narx.model_file import OF_TWINS
 from training.narx.network import Spec, describe
 from training.narx.search.mean import mean_of
@@ -61,10 +61,7 @@ def free_structure(task: Task, _: Parts) -> dict[str, Any]:
         keep_held_out=True,  # the blocks compare this model with the 29 others
     )
     source = FitSource(task.recordings, task.inputs, task.output)
-    return _free_dict(task, fit(source, task.folder / "free.onnx", options))
-
-
-def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
+    result = fit(source, task.folder / "free.onnx", options)
     spec, members = result.chosen.model.spec, result.chosen.members
     minutes = max(task.settings.budget_minutes, 0.1) / 5
     alone = [  # the same initial weights, one step ahead only
@@ -72,15 +69,15 @@ def _free_dict(task: Task, result: FitResult) -> dict[str, Any]:
         for t in members
     ]
     one_step = mean_of([(t.spec, t.weights) for t in alone])[1]
-    tries = sorted(result.tries, key=lambda t: t.rmse)
     tables = {
         "structure": describe(spec),
         "members": len(members),
         "n_weights": spec.n_weights,
         "warnings": result.warnings,
         "stage": best_stage(result.chosen.best_member),
-        "starts": [t.score for t in result.chosen.starts],
-        "tries": [asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in tries],
+        "tries": [
+            asdict(t.structure) | {"n_weights": t.n_weights, "rmse": t.rmse} for t in result.tries
+        ],
     }
     return json_tree(tables) | {
         "spec": asdict(spec),
@@ -126,7 +123,7 @@ def choice(task: Task, parts: Parts) -> dict[str, Any]:
     """
     data, models = task.data, contenders(task, parts)
     memory = max(m.spec.memory for m in models)
-    held = judged_on(task)
+    held = judged_on(task, task.data)
     rows, squares = [], []
     for m in models:
         blocks = blocks_of(data, m.spec, Role.VALIDATE, memory)
@@ -155,7 +152,6 @@ def choice(task: Task, parts: Parts) -> dict[str, Any]:
             "equal": equal,
             "reason": reason,
             "test": "held-out recordings" if task.test else "test blocks",
-            "unit": data.output.unit,
             "output": task.output,
         }
     )

@@ -9,7 +9,6 @@ from monitor.base.types import FloatArray
 from training.pages.drawing import Drawing, Layer, Plot, axis, layer, plot, unscored
 from training.pages.heat import LEVELS, Heat, HeatCell
 from training.pages.numbers import with_unit, words
-from training.study.narx.candidates import BAYES, DESCENT
 from training.study.narx.verdicts import ROLES, correlations, errors
 
 Result = Mapping[str, Any]
@@ -115,7 +114,7 @@ def correlation_figure(result: Result) -> Drawing:
     """Draw R of training, validation and test and the MSE of every model, as the paper does."""
     models = [m for m in result["models"] if m["same_as"] is None]
     height = 40 + ROW * len(models)
-    names = axis(rows=[_tick(m) for m in models])
+    names = axis(rows=[f"{m['number']}  {m['name']}" for m in models])
     numbers = axis(rows=[str(m["number"]) for m in models])
     plots: list[Plot] = []
     for mode, (title, _, _) in MODES.items():
@@ -148,13 +147,6 @@ def _correlations(models: Sequence[Result], mode: str) -> tuple[list[Layer], flo
         layers.append(layer("points", x=middle, y=at, label=ROLES[role], color=color, size=2.5))
         smallest = min(smallest, float(low.min()))
     return layers, smallest
-
-
-def _tick(model: Result) -> str:
-    algorithm = "BR" if model["algorithm"] == BAYES else model["algorithm"]
-    rate = f" {model['rate']:g}" if algorithm == DESCENT and model["rate"] is not None else ""
-    layers = "-".join(map(str, model["hidden"]))
-    return f"{model['number']}  {algorithm} {model['lags']} {layers}{rate}"
 
 
 def sensor_figure(views: Sequence[Result], sensor: Result) -> Drawing:

@@ -49,19 +49,18 @@ def scaled_as(data: Prepared, recordings: Sequence[Recording]) -> Prepared:
     )
 
 
-def as_in_use(data: Prepared) -> Prepared:
-    """Return ``data`` with the inputs that the monitor sees; the roles stay."""
-    return replace(scaled_as(data, data.recordings), role=data.role)
+def trained_on(task: Task, data: Prepared) -> Prepared:
+    """Return the training recordings as the monitor sees them, in the scaling of ``data``."""
+    return replace(scaled_as(data, task.recordings), role=task.data.role)
 
 
-def judged_on(task: Task, data: Prepared | None = None) -> Prepared:
+def judged_on(task: Task, data: Prepared) -> Prepared:
     """Return the held-out drives, or the training recordings without held-out drives.
 
-    data : gives the scaling; default: the training recordings
+    data : gives the scaling
     In both cases no sample of role TEST was used to train or choose a model.
     """
-    scaled = scaled_as(data or task.data, task.test or task.recordings)
-    return scaled if task.test else replace(scaled, role=task.data.role)
+    return scaled_as(data, task.test) if task.test else trained_on(task, data)
 
 
 @dataclass(frozen=True)
@@ -83,11 +82,6 @@ class FreeRun:
         """Measured (NaN where not valid) and predicted output (n,), in the output's unit."""
         return measured_and_predicted(self.data, self.predicted)
 
-    @property
-    def scored(self) -> np.ndarray:
-        """The rows (n,) with a measurement and a prediction."""
-        return self.rows & np.isfinite(self.in_units).all(axis=0)
-
     def judged(self, rows: np.ndarray) -> np.ndarray:
         """Return those of ``rows`` that the monitor judges, all of them if it judges hardly one."""
         on = rows & self.data.enabled
@@ -108,7 +102,7 @@ class FreeRun:
 
     def view(self, title: str, source: str) -> dict[str, Any]:
         """Return errors, an excerpt and a scatter of the rows, as figure 6 of the paper."""
-        scored = self.scored
+        scored = self.rows & np.isfinite(self.in_units).all(axis=0)
         judged = self.judged(scored)
         first, stop = _liveliest(self.in_units[0], judged, scored)
         some = np.flatnonzero(judged)[:: max(1, -(-int(judged.sum()) // SCATTER))]

@@ -99,11 +99,8 @@ def _spectral(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
     """Return the spectra, None if all stretches are too short, and the lines in them."""
-
-    def common(name: str) -> bool:
-        return all(name in r.names for r in recordings)
-
-    also = [n for n in (COMMAND, CONTROLLER) if n not in inputs and common(n)]
+    common = set[str].intersection(*({*r.names} for r in recordings)) - {*inputs}
+    also = [n for n in (COMMAND, CONTROLLER) if n in common]
     names = [*inputs, *also, output]
     values = [cleaned(r, names, output_transform(output)) for r in recordings]
     good = [np.asarray(np.isfinite(v).all(axis=1)) for v in values]

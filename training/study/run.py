@@ -31,8 +31,7 @@ from training.study.sensor import against_sensor
 from training.study.task import Parts, Task, source
 
 SCHEMA = "o2train.study/1"
-VERSION = 8  # of the parts' content; stored parts of another version are not reused
-BAD_DATA = (RecordingError,)
+VERSION = 9  # of the parts' content; stored parts of another version are not reused
 USELESS = (RecordingError, UsageError)
 
 
@@ -57,16 +56,16 @@ def _check(task: Task, _: Parts) -> dict[str, Any]:
     return result
 
 
-def _preparation(task: Task, _: Parts) -> dict[str, Any]:
-    return preparation(task.recordings, task.inputs, task.output)
-
-
 STEPS = (
     StudyStep("check", "is the data enough?", _check),
-    StudyStep("preparation", "outliers, spectra, trends", _preparation),
+    StudyStep(
+        "preparation",
+        "outliers, spectra, trends",
+        lambda task, _: preparation(task.recordings, task.inputs, task.output),
+    ),
     StudyStep("selection", "input selection", selection, skips=USELESS),
-    StudyStep("linear", "linear baselines", baselines, "preparation", whole=True, skips=BAD_DATA),
-    StudyStep("narx", "NARX study", narx_study, skips=BAD_DATA),
+    StudyStep("linear", "linear baselines", baselines, "preparation", whole=True, skips=USELESS),
+    StudyStep("narx", "NARX study", narx_study, skips=USELESS),
     StudyStep("free", "memory and size chosen by the data", choice.free_structure, skips=USELESS),
     StudyStep("choice", "choice", choice.choice, "narx free", whole=True),
     StudyStep("shipped", "model file and limits", choice.ship, "choice", whole=True),
@@ -74,8 +73,8 @@ STEPS = (
     StudyStep(
         "sensor", "model against sensor, healthy and faulty", against_sensor, "shipped", True
     ),
-    StudyStep("steady", "steady training, transient use", steady, whole=True, skips=BAD_DATA),
-    StudyStep("effort", "driving that a calibration takes", effort, whole=True, skips=BAD_DATA),
+    StudyStep("steady", "steady training, transient use", steady, whole=True, skips=USELESS),
+    StudyStep("effort", "driving that a calibration takes", effort, whole=True, skips=USELESS),
 )
 
 
@@ -119,13 +118,12 @@ def _done(task: Task, step: StudyStep, parts: Parts) -> tuple[dict[str, Any], bo
     found = stored(path)
     if found and found.get("key") == key and files.get(step.name, path).exists():
         return found["result"], True
-    began, cpu = time.monotonic(), time.process_time()
+    began = time.monotonic()
     try:
         result = step.compute(task, parts)
     except step.skips as error:
         result = {"skipped": str(error)}
     result["part_seconds"] = round(time.monotonic() - began, 1)
-    result["part_cpu_s"] = round(time.process_time() - cpu, 1)
     write_json(path, {"key": key, "result": result})
     return result, False
 

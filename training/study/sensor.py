@@ -21,7 +21,8 @@ from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Role
 from training.recordings.samples.rows import runs
 from training.study.choice import chosen
-from training.study.free_runs import WINDOW, FreeRun, as_in_use, judged_on, scaled_as
+from training.study.free_runs import WINDOW, FreeRun, scaled_as, trained_on
+from training.study.narx.verdicts import ROLES
 from training.study.task import Parts, Task, source
 
 BINS = 80  # of the residual's distribution
@@ -30,25 +31,25 @@ PUT_ON = (
     *("transient", "gain_low", "biased_lean"),
 )
 ANY_OUTPUT = ("slow_symmetric", "delay_symmetric")  # faults that need no zero point of the sensor
-ROLES = {Role.TRAIN: "training", Role.VALIDATE: "validation", Role.TEST: "test"}
 
 
 def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
     """Return free runs and residuals on blocks and drives, healthy and faulty."""
     model, limits = chosen(task, parts), parts["shipped"]["limits"]
     network = (model.spec, model.weights)
-    own = FreeRun.of(as_in_use(task.data), *network)
+    own = FreeRun.of(trained_on(task, task.data), *network)
     views = [
         replace(own, rows=own.data.role == role).view(f"{name} blocks", source(task.recordings))
-        for role, name in ROLES.items()
+        for role, name in zip(Role, ROLES.values(), strict=True)
     ]
     views += [
         FreeRun.of(scaled_as(task.data, [r]), *network).view(Path(r.path).name, source([r]))
         for r in task.test
     ]
-    healthy = FreeRun.of(judged_on(task), *network) if task.test else own
+    healthy = FreeRun.of(scaled_as(task.data, task.test), *network) if task.test else own
     known = np.abs(healthy.residual[np.isfinite(healthy.residual)])
     span = float(5.0 * np.quantile(known, 0.99)) if len(known) else 1.0
+    edges = np.linspace(-span, span, BINS + 1)
     j = {k: limits[k]["value"] for k in ("j_mu", "j_sigma") if k in limits}
     faulty, unreadable = [] if task.faulty else [*_put_on_all(healthy)], []
     for r in task.faulty:
@@ -58,7 +59,7 @@ def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
             unreadable.append(Path(r.path).name)
     faults = [
         {"name": name, "how": how, "view": run.view(name, source(run.data.recordings))}
-        | residuals(run, span, j)
+        | residuals(run, edges, j)
         for run, name, how in faulty
     ]
     return json_tree(
@@ -70,22 +71,18 @@ def against_sensor(task: Task, parts: Parts) -> dict[str, Any]:
             "healthy_on": "held-out recordings" if task.test else "test blocks",
             "views": views,
             "limits": j,
-            "edges": _edges(span),
-            "healthy": residuals(healthy, span, j),
+            "edges": edges,
+            "healthy": residuals(healthy, edges, j),
             "unreadable": unreadable,
             "faults": faults,
         }
     )
 
 
-def _edges(span: float) -> FloatArray:
-    return np.linspace(-span, span, BINS + 1)
-
-
-def residuals(run: FreeRun, span: float, j: Mapping[str, float]) -> dict[str, Any]:
+def residuals(run: FreeRun, edges: FloatArray, j: Mapping[str, float]) -> dict[str, Any]:
     """Return the distribution of the residual and the paper's rule on its windows.
 
-    span : half range of the histogram, in the output's unit
+    edges : of the histogram's bins, in the output's unit
     j : limits ``j_mu`` and ``j_sigma`` of the paper's rule
     """
     residual = run.residual
@@ -99,7 +96,7 @@ def residuals(run: FreeRun, span: float, j: Mapping[str, float]) -> dict[str, An
     n = max(len(windows), 1)
     return {
         "samples": len(known),
-        "share": np.histogram(np.clip(known, -span, span), _edges(span))[0] / max(len(known), 1),
+        "share": np.histogram(np.clip(known, edges[0], edges[-1]), edges)[0] / max(len(known), 1),
         "mean": known.mean() if len(known) else None,
         "std": known.std() if len(known) else None,
         "windows": len(windows),

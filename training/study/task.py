@@ -14,7 +14,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import source_of
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, prepare
-from training.study.narx.candidates import CANDIDATES, ModelCandidate
+from training.study.narx.candidates import CANDIDATES
 
 Parts = dict[str, Any]  # results of the steps by their names
 LAGS = 5  # samples, from the paper; stretches below 8 times the lags are left out, as in ``fit``
@@ -54,12 +54,6 @@ class Task:
         return prepare(
             self.recordings, self.inputs, self.output, lags=LAGS, seed=self.settings.seed
         )
-
-    @property
-    def models(self) -> tuple[ModelCandidate, ...]:
-        """The models of the NARX study to train."""
-        wanted = self.settings.models
-        return tuple(c for c in CANDIDATES if c.number in wanted or not wanted)
 
     @property
     def period_s(self) -> float:

@@ -22,11 +22,6 @@ TITLES: Final = {
 }
 
 
-def delays(samples: Sequence[int]) -> str:
-    """Return dead times, once where all are alike."""
-    return str(samples[0]) if len(set(samples)) == 1 else " ".join(map(str, samples))
-
-
 def tests(found: Result) -> list[str]:
     """Return the cells of one model: whiteness, p, lags, independence, correlation, feedback."""
     white, each = found["whiteness"], found["independence"]

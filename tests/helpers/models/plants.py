@@ -10,9 +10,8 @@ import numpy as np
 from scipy.signal import cont2discrete, dlsim, lfilter
 
 from monitor.base.types import FloatArray
-from training.narx.linear.arx import solve_arx
-from training.narx.linear.models import LinearModel
-from training.narx.linear.regressors import Stretch, triangle
+from training.narx.linear.arx import solve_arx, triangle
+from training.narx.linear.models import LinearModel, Stretch
 
 RNG = np.random.default_rng
 PERIOD_S = 0.1

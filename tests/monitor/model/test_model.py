@@ -23,11 +23,7 @@ STATE = {"output_start": 3, "output_step": 4, "output_count": 5}
 LOW, HIGH = np.array([50.0, 0.0, 0.8]), np.array([600.0, 60.0, 1.2])
 
 
-def network(
-    transform: str = "phi",
-    first_lag: int = 1,
-    hidden: tuple[int, ...] = (8, 8),
-) -> Network:
+def network(transform: str = "phi", first_lag: int = 1, hidden: Any = (8, 8)) -> Network:
     return network_of(INPUTS, LOW, HIGH, transform, hidden=hidden, first_lag=first_lag)
 
 

@@ -25,6 +25,7 @@ from training.narx.network import Spec, initial_weights
 from training.recordings.recording import load
 from training.recordings.samples.preparation import prepare
 from training.study.choice import decide
+from training.study.driving.steady import steady_against_mixed
 from training.study.free_runs import WINDOW, FreeRun, scaled_as
 from training.study.page import section
 from training.study.sensor import against_sensor, residuals
@@ -295,6 +296,13 @@ def test_a_missing_signal_is_named_and_compared_with_nothing(
     assert "Nothing to compare in lost.csv" in section("faulty", {"sensor": found})
 
 
+def test_steady_drives_need_others_to_judge(drives: dict[str, Path], tmp_path: Path) -> None:
+    one = (load(drives["steady"]),)
+    task = Task(one, (), (), one, ("valve", "leak"), "level_m", tmp_path, Settings())
+    with pytest.raises(RecordingError, match="--test"):
+        steady_against_mixed(task, {})
+
+
 def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:
     recording = load(drives["test"])
     data = scaled_as(prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [recording])
@@ -302,7 +310,7 @@ def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:
     rows = np.ones(len(measured), dtype=bool)
     rows[120] = False  # breaks the third window
     run = FreeRun(data, measured - 0.3, rows)
-    found = residuals(run, 1.0, {"j_mu": 0.2, "j_sigma": 0.1})
+    found = residuals(run, np.linspace(-1.0, 1.0, 81), {"j_mu": 0.2, "j_sigma": 0.1})
     assert found["windows"] == 120 // WINDOW + (len(rows) - 121) // WINDOW
     assert found["beyond"] == {"mean": 1.0, "std": 0.0, "both": 0.0}
     assert found["mean"] == pytest.approx(0.3)

@@ -153,7 +153,7 @@ def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
 def test_every_algorithm_learns_and_its_start_is_reproducible(
     data: Prepared, candidate: ModelCandidate
 ) -> None:
-    job = Job(candidate, 0, 7, 40)
+    job = Job(candidate, 7, 40)
     one, two = train_one(data, job), train_one(data, job)
     assert one == two
     assert 0 < one["iterations"] <= 40

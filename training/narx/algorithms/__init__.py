@@ -1,1 +1,1 @@
-"""Training algorithms of the network."""
+"""The training algorithm of the network, and the error that it minimises."""

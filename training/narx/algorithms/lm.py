@@ -44,7 +44,7 @@ class Watch:
 
     max_fail : accepted steps in a row without a better validation score, which end the run
     min_gradient : a shorter gradient ends the run
-    validate, begins : as in ``minimise``
+    validate : as in ``minimise``
     Raises ValueError if the cost at the start is not finite.
     """
 
@@ -54,7 +54,6 @@ class Watch:
         cost: float,
         max_fail: int = MAX_FAIL,
         validate: Callable[[FloatArray], float] | None = None,
-        begins: Callable[[], bool] | None = None,
         min_gradient: float = 1e-7,
     ) -> None:
         if not np.isfinite(cost):
@@ -62,11 +61,7 @@ class Watch:
         score = validate(weights) if validate else cost
         self.outcome = LmOutcome(weights.copy(), score, "epochs", [cost], [score])
         self._max_fail, self._min_gradient, self._failures = max_fail, min_gradient, 0
-        self._validate, self._begins = validate, begins
-
-    def over_budget(self) -> bool:
-        """Count an epoch; return whether none may begin, and note it as the reason of the end."""
-        return self._ends(self._begins is not None and not self._begins(), "budget")
+        self._validate = validate
 
     def at_rest(self, gradient: FloatArray) -> bool:
         """Return whether the gradient is too short, and note it as the reason of the end."""
@@ -113,9 +108,10 @@ def minimise(
     """
     current, mu = weights.copy(), MU
     cost = objective.cost(current)
-    watch = Watch(current, cost, max_fail, validate, begins)
+    watch = Watch(current, cost, max_fail, validate)
     for _ in range(epochs):
-        if watch.over_budget():
+        if begins is not None and not begins():
+            watch.outcome.stop = "budget"
             break
         _, hessian, gradient = objective.normal(current)
         if watch.at_rest(gradient):

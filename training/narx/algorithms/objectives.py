@@ -1,7 +1,7 @@
 """The error that training minimises: that of free runs over pieces of the samples.
 
 It has the mean squared error as ``cost`` and the ``normal`` equations of its linearisation for
-Levenberg–Marquardt. First-order methods get their gradient from torch, see ``gradient``.
+Levenberg–Marquardt.
 
 A free run feeds its own predictions back; over pieces of one sample it is the one-step error of
 series-parallel training. With S_t the derivative of y_hat(t) by all weights,

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.signal import lfilter, lfiltic
 
 from monitor.base.types import FloatArray
-from training.narx.linear.regressors import Stretch
+
+Stretch = tuple[FloatArray, FloatArray]  # inputs (n, k) and output (n,) on one sample grid
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +59,6 @@ class LinearModel:
         coloured = lfilter(self.poly, [1.0], y) - self._drive(u)
         coloured[: self.lags] = 0.0
         return np.asarray(lfilter([1.0], [1.0, *self.c], coloured))
-
-    def predict(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the one-step predictions (n,); the first ``lags`` values are the measured ones.
-
-        u, y : (n, k), (n,)
-        """
-        return np.asarray(y - self.errors(u, y))
 
     def simulate(self, u: FloatArray, y0: FloatArray) -> FloatArray:
         """Return the free run (n,) over inputs ``u`` (n, k).

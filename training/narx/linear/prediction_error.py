@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 
 from monitor.base.types import FloatArray
 from training.narx.algorithms.lm import minimise
-from training.narx.linear.models import LinearModel
-from training.narx.linear.regressors import Stretch, columns_of, lagged
+from training.narx.linear.arx import Triangle, lagged
+from training.narx.linear.models import LinearModel, Stretch
 
 
 class PredictionError:
@@ -30,8 +30,10 @@ class PredictionError:
     ) -> None:
         self.lags, self.na, self.output_error = start.lags, len(start.a), output_error
         self.delays, self.size = start.delays, start.b.size + self.na + 1
-        chosen = columns_of(self.lags, self.lags, self.na, start.b.shape[1], start.delays)
-        self.rows = [lagged(stretch, self.lags, self.lags)[:, chosen] for stretch in records]
+        rows = [lagged(stretch, self.lags, self.lags) for stretch in records]
+        tables = [Triangle(x, len(x), len(self.delays), self.lags, self.lags) for x in rows]
+        shape = (self.na, start.b.shape[1], start.delays)
+        self.rows = [table.factor[:, table.columns(*shape)] for table in tables]
         self.records, self.skip = records, skip
 
     def model(self, weights: FloatArray) -> LinearModel:

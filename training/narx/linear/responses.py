@@ -14,9 +14,8 @@ from scipy.signal import correlate, lfilter
 from scipy.stats import chi2, norm
 
 from monitor.base.types import FloatArray
-from training.narx.linear.arx import solve_arx
-from training.narx.linear.models import LinearModel
-from training.narx.linear.regressors import Stretch, triangle
+from training.narx.linear.arx import solve_arx, triangle
+from training.narx.linear.models import LinearModel, Stretch
 
 LEVEL = 0.01  # significance level of every test; bands hold 99 %
 NOISE_ORDER = 10  # order of the AR noise filter, the reference toolbox's default
@@ -95,7 +94,6 @@ class ImpulseResponse:
 
     response: FloatArray  # (k, lags), output's unit per input's unit
     standard_error: FloatArray  # (k, lags)
-    white: FloatArray  # (20,) autocorrelation of the residuals after the noise filter
 
     def delays(self) -> list[int | None]:
         """Return the dead time of every input in samples, None if no lag leaves the joint band.
@@ -135,4 +133,4 @@ def impulse_response(stretches: Sequence[Stretch], lags: int) -> ImpulseResponse
     driven = np.concatenate([u[lags:] for u, _ in long])
     effective = np.array([effective_samples(left, u, 4 * lags) for u in driven.T])
     widened = error * np.sqrt(len(left) / effective)[:, None]
-    return ImpulseResponse(model.b, widened, correlation(left, left, range(1, 21)))
+    return ImpulseResponse(model.b, widened)

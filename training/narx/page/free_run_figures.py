@@ -24,7 +24,7 @@ def held_out_run(result: FreeRunFit) -> Drawing:
         rows = np.arange(first, min(stop, first + FIGURE_SAMPLES))
         plots.append(
             plot(
-                _label(result),
+                with_unit(result.card.output.name, result.card.output.unit),
                 layer("line", y=predicted[rows], label="model, free run", color="predicted"),
                 layer("line", y=measured[rows], label="measured", color="measured"),
                 x=axis(f"s of {Path(result.card.recordings[segment.recording].path).name}"),
@@ -58,7 +58,8 @@ def scatter(result: FreeRunFit) -> Drawing:
     rows = (result.data.role == Role.TEST) & result.data.enabled & np.isfinite(predicted)
     a, b = measured[rows], predicted[rows]
     low, high = _robust_limits(result)
-    ends, output, residual = np.array([low, high]), _label(result), a - b
+    ends, residual = np.array([low, high]), a - b
+    output = with_unit(result.card.output.name, result.card.output.unit)
     width = 5.0 * float(residual.std()) if len(residual) else 1.0
     over = plot(
         f"predicted {output}",
@@ -76,7 +77,3 @@ def scatter(result: FreeRunFit) -> Drawing:
         height=300,
     )
     return Drawing([over, spread], columns=(1, 1))
-
-
-def _label(result: FreeRunFit) -> str:
-    return with_unit(result.card.output.name, result.card.output.unit)

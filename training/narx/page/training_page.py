@@ -27,7 +27,7 @@ def write_report(path: Path | str, result: FitResult) -> None:
         shape=describe(result.chosen.model.spec),
         trainings=sum(t.members == 1 for t in result.chosen.starts),
         members=len(result.chosen.members),
-        tries=sorted(result.tries, key=lambda t: t.rmse),
+        tries=result.tries,
         is_chosen=lambda t: (t.trained[0].spec, t.trained[0].decay) in chosen,
         unseen=result.card.fit.get("unseen"),
         curves=_training_curves(result),

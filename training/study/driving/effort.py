@@ -8,6 +8,8 @@ put on drives that no part of the study trained on.
 from collections.abc import Iterator
 from typing import Any, Final
 
+import numpy as np
+
 from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.model.step import Model
@@ -43,21 +45,12 @@ def _parts(recordings: tuple[Recording, ...]) -> Iterator[list[Recording]]:
 
     The last recording of a part is cut.
     """
-    period_s = recordings[0].period_ns / 1e9
-    left, n = sum(len(r.t_s) for r in recordings), round(LEAST_S / period_s)
-    while n < left:
-        yield _first(recordings, n)
+    begins = np.cumsum([0, *(len(r.t_s) for r in recordings)]).tolist()
+    n = round(LEAST_S * 1e9 / recordings[0].period_ns)
+    while n < begins[-1]:
+        yield [r.part(0, n - at) for r, at in zip(recordings, begins, strict=False) if at < n]
         n *= 2
     yield list(recordings)
-
-
-def _first(recordings: tuple[Recording, ...], n: int) -> list[Recording]:
-    found: list[Recording] = []
-    for each in recordings:
-        if n > 0:
-            found.append(each.part(0, n))
-        n -= len(each.t_s)
-    return found
 
 
 def _found(task: Task, part: list[Recording]) -> dict[str, Any]:

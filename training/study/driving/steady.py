@@ -16,7 +16,7 @@ from training.study.task import LAGS, Parts, Task, source
 
 HIDDEN = (8, 8)  # of the paper
 FEWEST = 1500  # least training samples for a network of 400 weights
-STARTS = 3
+STARTS = 3  # at most
 BUDGET_SHARE = 0.1  # of the study's budget, for one of six trainings
 
 
@@ -55,7 +55,6 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
         }
     return json_tree(
         {
-            "training_samples": n,
             "models": models,
             "test": "held-out recordings" if task.test else "test blocks of the recordings",
             "test_source": source(task.test or task.recordings),

@@ -74,7 +74,5 @@ def same_as(candidates: Sequence[ModelCandidate]) -> dict[int, int]:
     >>> same_as(CANDIDATES)
     {2: 1, 3: 1}
     """
-    first: dict[tuple[object, ...], int] = {}
-    for candidate in candidates:
-        first.setdefault(candidate.training, candidate.number)
+    first = {c.training: c.number for c in reversed(candidates)}
     return {c.number: first[c.training] for c in candidates if first[c.training] != c.number}

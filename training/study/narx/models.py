@@ -13,20 +13,23 @@ from typing import Any
 import numpy as np
 
 from monitor.base.types import FloatArray, IntArray
-from training.jobs import parallel
 from training.jobs.json_tree import json_tree
 from training.narx.algorithms import lm
-from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.gradient import RATE, descend, one_step_by_torch
 from training.narx.algorithms.objectives import one_step
-from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights, regressors
 from training.narx.search import stages
 from training.narx.work import Work
 from training.recordings.metrics import correlation
 from training.recordings.samples.preparation import Prepared, Role, Samples
 from training.recordings.samples.rows import runs
+from training.study.narx.bayes import minimise_bayesian
 from training.study.narx.candidates import BAYES, CONJUGATE, LM, ModelCandidate
+from training.study.narx.first_order import (
+    RATE,
+    descend,
+    minimise_scaled_conjugate,
+    one_step_by_torch,
+)
 
 BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
 ENOUGH = 50  # least enabled samples per role for figures on enabled samples
@@ -49,17 +52,15 @@ class Recipe:
 
 def trained(data: Sequence[Prepared], recipe: Recipe, jobs: int) -> list[list[stages.Trained]]:
     """Return the starts of the recipe on each of the data, ``jobs`` of them side by side."""
-    shared = ([replace(each, recordings=()) for each in data], recipe)
-    places = list(product(range(len(data)), range(recipe.starts)))
-    found = dict(parallel.run(_trained, shared, [(str(at), at) for at in places], jobs=jobs))
-    return [[found[str(at)] for at in places if at[0] == i] for i in range(len(data))]
+    seeds = range(recipe.seed, recipe.seed + SEED_STEP * recipe.starts, SEED_STEP)
+    begun = [(d, stages.Trained(spec_of(d, recipe), seed=s)) for d, s in product(data, seeds)]
 
+    def train(place: tuple[Prepared, stages.Trained], work: Work) -> stages.Trained:
+        return stages.train(*place, work, recipe.horizons)
 
-def _trained(shared: tuple[list[Prepared], Recipe], at: tuple[int, int]) -> stages.Trained:
-    data, recipe = shared[0][at[0]], shared[1]
-    spec = spec_of(data, recipe)
-    begun = stages.Trained(spec, seed=recipe.seed + SEED_STEP * at[1])
-    return stages.train(data, begun, Work.of_minutes(recipe.budget_minutes), recipe.horizons)
+    whole = Work.of_minutes(recipe.budget_minutes * len(begun))
+    found = whole.side_by_side(train, begun, jobs)
+    return [found[i : i + len(seeds)] for i in range(0, len(found), len(seeds))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,6 @@ class Job:
     """One training: series-parallel from random weights, or in closed loop from ``weights``."""
 
     candidate: ModelCandidate
-    start: int
     seed: int
     iterations: int
     weights: tuple[float, ...] = ()  # initial weights of a closed-loop tuning
@@ -129,14 +129,13 @@ def train_one(data: Prepared, job: Job) -> dict[str, Any]:
     outcome = _minimise(data, spec, initial_weights(spec, np.random.default_rng(job.seed)), job)
     before = outcome.costs[-max(2, len(outcome.costs) // 10)]  # of the last tenth of iterations
     result = {
-        "start": job.start,
-        "seed": job.seed,
         "iterations": len(outcome.costs) - 1,
         "stop": outcome.stop,
         "unfinished": outcome.stop == "epochs" and outcome.costs[-1] < 0.99 * before,
         **figures(data, spec, outcome.weights),
     }
-    return json_tree(result) | _network(spec, outcome.weights)
+    network = {"spec": asdict(spec), "weights": outcome.weights.tolist()}
+    return json_tree(result) | {"network": network}
 
 
 def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
@@ -146,16 +145,13 @@ def tune_one(data: Prepared, job: Job) -> dict[str, Any]:
     found = stages.train(data, stages.Trained(spec, before, seed=job.seed))
     gains = found.score < stages.blocks_of(data, spec).score(before)
     stage = best_stage(found) if gains else "none"
-    return {"start": job.start, "stage": stage} | _network(spec, found.weights)
+    network = {"spec": asdict(spec), "weights": found.weights.tolist()}
+    return {"stage": stage, "network": network}
 
 
 def best_stage(trained: stages.Trained) -> str:
     """Return the name of the stage with the lowest validation error."""
     return min(trained.stages, key=lambda s: min(s.scores)).name if trained.stages else "none"
-
-
-def _network(spec: Spec, weights: FloatArray) -> dict[str, Any]:
-    return {"network": {"spec": asdict(spec), "weights": weights.tolist()}}
 
 
 def figures(data: Prepared, spec: Spec, weights: FloatArray) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from training.study.narx.verdicts import judge, warnings
 from training.study.results import fan_out, public
 from training.study.task import Parts, Settings, Task, source
 
-VERSION = 4  # of the jobs; stored jobs of another version are not reused
+VERSION = 5  # of the jobs; stored jobs of another version are not reused
 
 Model = dict[str, Any]
 
@@ -28,14 +28,16 @@ Model = dict[str, Any]
 def narx_study(task: Task, _: Parts) -> dict[str, Any]:
     """Return the figures of all models and starts, and of the best models after tuning."""
     where = {"jobs": task.jobs, "scheduler": task.scheduler}
-    return compared(task.data, task.folder / "narx", task.settings, task.models, **where)
+    wanted = task.settings.models
+    models = [c for c in CANDIDATES if c.number in wanted or not wanted]
+    return compared(task.data, task.folder / "narx", task.settings, models, **where)
 
 
 def compared(
     data: Prepared,
     folder: Path,
     settings: Settings,
-    candidates: Sequence[ModelCandidate] = CANDIDATES,
+    candidates: Sequence[ModelCandidate],
     **where: Any,
 ) -> dict[str, Any]:
     """Return the figures of all candidates and starts, and of the best ones after tuning.
@@ -96,7 +98,7 @@ def _trainings(
     efforts = {c: weights[c] ** (1 + (c.algorithm in (LM, BAYES))) for c in candidates}
     for c in sorted(efforts, key=efforts.__getitem__, reverse=True):
         for start in range(settings.starts if c.number not in same_as(candidates) else 0):
-            job = Job(c, start, settings.seed + SEED_STEP * start, settings.iterations)
+            job = Job(c, settings.seed + SEED_STEP * start, settings.iterations)
             text = f"{digest} {(c.training, job.seed, job.iterations)}"
             result[f"train_{hashlib.sha256(text.encode()).hexdigest()[:16]}"] = job
     return result
@@ -112,7 +114,6 @@ def _model(
     keys = [k for k, j in trainings.items() if j.candidate.training == candidate.training]
     starts = [public(done[k]) | {"weights_key": k} for k in keys]
     return asdict(candidate) | {
-        "hidden": list(candidate.hidden),
         "name": candidate.name,
         "same_as": same_as(candidates).get(candidate.number),
         "n_weights": spec_of(data, candidate).n_weights,

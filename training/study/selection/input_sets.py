@@ -12,8 +12,7 @@ from training.narx.search.stages import Trained, free_run
 from training.recordings import metrics
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
-from training.recordings.samples.outliers import outlier_mask
-from training.recordings.samples.preparation import Prepared, Role, prepare
+from training.recordings.samples.preparation import Prepared, Role, columns_of, prepare
 from training.study.narx.models import Recipe, trained
 
 LAGS, HIDDEN, HORIZONS, STARTS = 5, (8,), (5, 20, 100), 2  # lags and horizons in samples
@@ -48,11 +47,6 @@ class Tried:
         own = start or self.best
         return self.data.scaling.unscale_y(free_run(self.data, own.spec, own.weights))
 
-    @property
-    def measured(self) -> FloatArray:
-        """The output (n,) in model units."""
-        return self.data.scaling.unscale_y(self.data.samples.y)
-
 
 def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
     """Return the recordings with a sample invalid in all ``names`` if it is invalid in one.
@@ -62,11 +56,9 @@ def aligned(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recor
     result = []
     for recording in recordings:
         values = np.array(recording.values, dtype=np.float64)
-        columns = [list(recording.names).index(name) for name in names]
-        for name, column in zip(names, columns, strict=True):
-            values[outlier_mask(name, values[:, column]), column] = np.nan
-        good = np.asarray(np.isfinite(values[:, columns]).all(axis=1))
-        values[:, columns] = np.where(good[:, None], values[:, columns], np.nan)
+        own = columns_of(recording, names, {})
+        own[~np.isfinite(own).all(axis=1)] = np.nan
+        values[:, [list(recording.names).index(name) for name in names]] = own
         result.append(replace(recording, values=values))
     return result
 
@@ -131,7 +123,8 @@ def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
 
 def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
     """Return the free-run errors of an input set on ``rows``, in model units."""
-    measured, predicted = tried.measured[rows], tried.predicted()[rows]
+    measured = tried.data.scaling.unscale_y(tried.data.samples.y[rows])
+    predicted = tried.predicted()[rows]
     return {
         "name": tried.set.name,
         "inputs": list(tried.set.inputs),

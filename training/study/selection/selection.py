@@ -7,7 +7,6 @@ import numpy as np
 from scipy import linalg
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.files.manifest import source_of
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
 from training.recordings.recording import Recording
@@ -79,7 +78,6 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
     if len(values) <= 10 * (len(names) + 1):
         listed = ", ".join((*names, output))
         raise RecordingError(f"{len(values)} samples with {listed} all valid are too few")
-    components = pca(values[:, :-1], names)
     sets = _sets(names, chosen, transform)
     same = aligned(recordings, names)
     budget = BUDGET_SHARE * task.settings.budget_minutes
@@ -96,10 +94,8 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
         "transform": transform,
         "candidates": list(names),
         "chosen": list(chosen),
-        "simulated": sum(source_of(r.path, r.sha256) == "simulated" for r in recordings),
-        "recordings": len(recordings),
-        "pca": components,
-        "variables": _variables(parts, names, chosen, components),
+        "pca": pca(values[:, :-1], names),
+        "variables": _variables(parts, names, chosen),
         "sets": [figures(t, rows) for t in tried],
         "transparency": reach,
     }
@@ -118,21 +114,17 @@ def _sets(names: tuple[str, ...], chosen: tuple[str, ...], transform: str) -> li
 
 
 def _variables(
-    parts: Sequence[FloatArray],
-    names: Sequence[str],
-    chosen: Sequence[str],
-    components: dict[str, Any],
+    parts: Sequence[FloatArray], names: Sequence[str], chosen: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Return correlation with the output, redundancy, loading and reason of every candidate."""
+    """Return correlation with the output, redundancy and reason of every candidate."""
     values = np.concatenate(parts)
     among_all = _inflation(values[:, :-1])
     own = [i for i, n in enumerate(names) if n in chosen]
     among_chosen = dict(zip(own, _inflation(values[:, own]).tolist(), strict=True))
-    loadings = np.array(components["loadings"])[:, : components["kept"]]
     rows = []
     for i, name in enumerate(names):
         by_lag = correlations([(v[:, i], v[:, -1]) for v in parts], LAG_SPAN)
-        lag, component = (int(np.abs(each).argmax()) for each in (by_lag, loadings[i]))
+        lag = int(np.abs(by_lag).argmax())
         rows.append(
             {
                 "name": name,
@@ -141,8 +133,6 @@ def _variables(
                 "lag": lag,
                 "inflation": float(among_all[i]),
                 "inflation_chosen": among_chosen.get(i),
-                "component": component + 1,
-                "loading": float(loadings[i, component]),
                 "reason": REASONS.get(name, ""),
             }
         )

@@ -20,7 +20,7 @@ from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.limits.trust import put_on
 from training.narx.cross_fit import as_recorded
-from training.narx.linear.regressors import lagged
+from training.narx.linear.arx import lagged
 from training.narx.search.stages import free_run
 from training.recordings.metrics import correlation
 from training.recordings.recording import Recording
@@ -94,25 +94,18 @@ def estimate_controller(recordings: Sequence[Recording], output: str) -> Control
     increment, rows = rows[:, 1], np.delete(rows, 1, axis=1)  # 1, increment(t-1), mixture taps
     cut = 2 * len(rows) // 3
     _, own, *taps = coefficients = linalg.lstsq(rows[:cut], increment[:cut])[0]
-    phi = np.concatenate([v[:, 1] for v in parts])
+    phi, dead_time = np.concatenate([v[:, 1] for v in parts]), TAPS
+    if parts[0].shape[1] > 2:  # the lag at which the reading correlates best with the command
+        by_lag = correlations([(v[:, 2], v[:, 1]) for v in parts], MOST_DEAD_TIME)
+        dead_time = int(np.argmax(by_lag))
     law = Controller(
         own=float(np.clip(own, -0.98, 0.98)),
         measured=np.array(taps[: TAPS + 1]),
-        dead_time=_dead_time(parts),
+        dead_time=dead_time,
         limit=float(np.percentile(np.abs(phi - np.median(phi)), LIMIT_PERCENTILE)),
         explained=correlation(increment[cut:], rows[cut:] @ coefficients),
     )
     return law if law.stable else None
-
-
-def _dead_time(parts: Sequence[FloatArray]) -> int:
-    """Return the lag in samples at which the reading correlates best with the command.
-
-    Without a command among the signals the longest lag of the law is returned.
-    """
-    if parts[0].shape[1] < 3:
-        return TAPS
-    return int(np.argmax(correlations([(v[:, 2], v[:, 1]) for v in parts], MOST_DEAD_TIME)))
 
 
 def transparency(
@@ -146,12 +139,9 @@ def _reach(tried: Tried, law: Controller, fault: str, severity: float) -> dict[s
     change, u = (faulty.y - healthy.y) * scale.y_std, healthy.u
     parts = [slice(s.start, s.stop) for s in data.segments]
     extra = np.concatenate([law.response(change[rows], data.enabled[rows]) for rows in parts])
-    moved = u.copy()
-    for i, channel in enumerate(data.inputs):
-        if channel.name == CONTROLLER:
-            at = u[:, i] * scale.u_std[i] + scale.u_mean[i] + extra
-            at = np.clip(at, scale.u_low[i], scale.u_high[i])
-            moved[:, i] = (at - scale.u_mean[i]) / scale.u_std[i]
+    is_moved = np.array([name == CONTROLLER for name in data.names])
+    physical = u * scale.u_std + scale.u_mean + extra[:, None]
+    moved = np.where(is_moved, scale.scale_u(physical), u)
     runs_of = [
         free_run(replace(data, samples=replace(data.samples, u=each)), model.spec, model.weights)
         for each in (u, moved)

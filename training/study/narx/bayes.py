@@ -77,8 +77,7 @@ def minimise_bayesian(
         _, curvature, slope = evidence.normal(weights)
         if watch.at_rest(2.0 * slope):
             break
-        normal = (evidence.cost(weights), curvature, slope)
-        step = damped_step(evidence, weights, normal, mu)
+        step = damped_step(evidence, weights, (evidence.cost(weights), curvature, slope), mu)
         if step is None:
             watch.outcome.stop = "mu"
             break

@@ -9,12 +9,11 @@ from scipy.optimize import minimize, rosen, rosen_der
 from scipy.stats import multivariate_normal
 
 from monitor.base.types import FloatArray
-from training.narx.algorithms.bayes import minimise_bayesian
-from training.narx.algorithms.gradient import descend, one_step_by_torch
 from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
-from training.narx.algorithms.scaled_conjugate import minimise_scaled_conjugate
 from training.narx.network import Spec, forward, initial_weights, regressors
+from training.study.narx.bayes import minimise_bayesian
+from training.study.narx.first_order import descend, minimise_scaled_conjugate, one_step_by_torch
 
 
 @dataclass
