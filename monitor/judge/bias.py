@@ -5,14 +5,12 @@ follows the prediction is judged in ``response``.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from monitor.base.config import BiasConfig
-from monitor.base.types import FloatArray
 from monitor.judge.window import Opinion, Outcome
 
 MOST: Final = 256  # means of a drive that are kept
@@ -24,26 +22,6 @@ RISE: Final = 5.0  # least rise of a drift over the drive, in standard deviation
 def paper_failed(mean: float, std: float, j_mu: float, j_sigma: float) -> bool:
     """Return the paper's verdict on a window of residuals: both limits reached."""
     return abs(mean) >= j_mu and std >= j_sigma
-
-
-def bounded(
-    means: Sequence[float] | FloatArray,
-    low: float,
-    high: float,
-    window_std: float,
-    config: BiasConfig,
-) -> FloatArray:
-    """Return what windows' means count for: no more than it would take to fail alone, (n,).
-
-    A model may err by far in a single manoeuvre (bounded influence: Huber, Robust Statistics,
-    chapter 4). The healthy limits are learned from windows that count for the same.
-
-    low, high : healthy offsets, in the unit of the means
-    window_std : of one window's offset
-    """
-    most = config.certainty * window_std
-    found: FloatArray = np.clip(means, low - most, high + most)
-    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +83,8 @@ class Course:
         if n < LEAST or max(self._means) - min(self._means) <= most:
             return 0.0, -math.inf
         middle = float(np.median(self._means))
-        sums = np.cumsum(bounded(self._means, middle - most, middle + most, window_std, config))
+        alone = most + config.certainty * window_std
+        sums = np.cumsum(np.clip(self._means, middle - alone, middle + alone))
         k, shared = np.arange(EDGE, n - EDGE + 1), config.variance_shared
         before, after = sums[k - 1] / k, (sums[-1] - sums[k - 1]) / (n - k)
         own = (1.0 - shared) / self._each * (1.0 / k + 1.0 / (n - k))
@@ -120,8 +99,10 @@ class BiasRule:
 
     It fails when the mean is outside them by ``certainty`` of its own standard deviations, so a
     large offset is found after few windows and a small one after many. A part of a window's
-    deviation is shared by the whole drive and does not average out. Every window is ``bounded``;
-    the offset that is told is the plain mean.
+    deviation is shared by the whole drive and does not average out. A window counts for no more
+    than it would take to fail alone, for a model may err by far in a single manoeuvre (bounded
+    influence: Huber, Robust Statistics, chapter 4); the healthy limits are learned from windows
+    that count for the same. The offset that is told is the plain mean.
 
     The mean remembers the time before a fault, so the rule also fails when the offset has stepped
     away within the drive, by ``certainty`` more than ``step_most`` (the likelihood ratio over all
@@ -151,12 +132,13 @@ class BiasRule:
         config = self._config
         if not ignore:
             memory = config.memory
-            counted = bounded([mean], self._low, self._high, self._window_std, config)
+            alone = config.certainty * self._window_std  # with which a window would fail alone
+            counted = min(max(mean, self._low - alone), self._high + alone)
             self.windows += 1
             self.total += mean
             self._course.push(mean)
             self._sum = memory * self._sum + mean
-            self._bounded = memory * self._bounded + counted.item()
+            self._bounded = memory * self._bounded + counted
             self._weight = memory * self._weight + 1.0
             self._square = memory**2 * self._square + 1.0
         if not self.windows:

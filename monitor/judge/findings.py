@@ -35,11 +35,6 @@ class CutJudged:
     fault: str | None
     statistics: Estimates
 
-    @property
-    def t_ns(self) -> int:
-        """Return the time of the window's last sample."""
-        return self.window.t_end_ns
-
 
 @dataclass(frozen=True, slots=True)
 class DtcChanged:

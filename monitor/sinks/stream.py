@@ -40,16 +40,16 @@ class Stream:
             yield from self._tick(event)
         elif isinstance(event, WindowJudged):
             self._windows += 1
-            yield from self._judged("window", event, event.window.t_end_ns, event.mean)
+            yield from self._judged("window", event, event.mean)
         elif isinstance(event, CutJudged):
-            yield from self._judged("fuel_cut", event, event.t_ns, None)
+            yield from self._judged("fuel_cut", event, None)
         elif isinstance(event, DtcChanged):
             yield from self._code(event.t_ns, event.dtc)
         elif isinstance(event, CycleStarted):
             yield Record("cycle", event.t_ns, {"started": True})
 
     def _judged(
-        self, of: str, event: WindowJudged | CutJudged, t_ns: int, mean: float | None
+        self, of: str, event: WindowJudged | CutJudged, mean: float | None
     ) -> Iterator[Record]:
         """Yield a record if the verdict or the fault is another one than before."""
         verdict = event.outcome, event.fault
@@ -59,7 +59,7 @@ class Stream:
         values: dict[str, Value] = {"of": of, "verdict": event.outcome, "fault": event.fault or ""}
         if mean is not None and math.isfinite(mean):
             values["mean"] = mean
-        yield Record("verdict", t_ns, values)
+        yield Record("verdict", event.window.t_end_ns, values)
 
     def _code(self, t_ns: int, dtc: Dtc) -> Iterator[Record]:
         """Yield a record if the code's state is another one than before."""

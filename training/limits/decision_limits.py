@@ -10,7 +10,6 @@ import numpy as np
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.judge.bias import bounded
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
@@ -104,7 +103,8 @@ def healthy_offsets(drives: Sequence[FloatArray], config: BiasConfig) -> tuple[l
         if narrower >= CONVERGED * std:
             break
         std = narrower
-        counted = [bounded(d, at, at, std, config) for d, at in zip(drives, offsets, strict=True)]
+        most = config.certainty * std
+        counted = [np.clip(d, at - most, at + most) for d, at in zip(drives, offsets, strict=True)]
         offsets, narrower = [float(drive.mean()) for drive in counted], _spread(counted)
     return offsets, std
 

@@ -141,10 +141,8 @@ class CatalystMonitor:
             own[0] = float(switching_volts(np.asarray(_x_of(volts)), self._config))
         before, is_complete = self._last, all(map(math.isfinite, own))
         self._missing = 0 if is_complete else self._missing + 1
-        held = self._last = own
-        if not is_complete:
-            pairs = zip(own, before, strict=True)
-            held = self._last = [new if math.isfinite(new) else old for new, old in pairs]
+        pairs = zip(own, before, strict=True)
+        held = self._last = [new if math.isfinite(new) else old for new, old in pairs]
         if self.rule is None:
             return
         for test, found in self.circuit.push(
@@ -155,8 +153,7 @@ class CatalystMonitor:
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
             yield BehindResult(k, test, found, results=self._wake())
-        is_bridged = self._missing <= self._n_hold and all(map(math.isfinite, held))
-        if not (is_complete or is_bridged):
+        if self._missing > self._n_hold or not all(map(math.isfinite, held)):
             if not self._is_lost:
                 self.rule.interrupt()
             self._is_lost = True

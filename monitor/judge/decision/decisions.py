@@ -194,18 +194,13 @@ class Decisions:
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:
         """Return the results of service $06: the estimates so far against their limits."""
         config, limits, found = self._config.response, self._limits, response.statistics
-        high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
-        results = [
-            TestResult("response", name, getattr(found, name), 0.0, high[what])
-            for what in high
-            for name in (f"{what}_{edge}_s" for edge in EDGES)
-        ]
-        gain, unit = found.gain, limits.gain_expected
-        if gain is None:
-            results = []  # no window was judged yet
-        else:
-            low = unit * config.gain_sound_min
-            results.append(TestResult("response", "gain", gain, low, unit * config.gain_max))
+        results, unit = list[TestResult](), limits.gain_expected
+        if found.gain is not None:  # else no window was judged yet
+            high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
+            names = ((what, f"{what}_{edge}_s") for what in high for edge in EDGES)
+            results = [TestResult("response", n, getattr(found, n), 0.0, high[w]) for w, n in names]
+            least, most = unit * config.gain_sound_min, unit * config.gain_max
+            results.append(TestResult("response", "gain", found.gain, least, most))
         if bias.beyond is not None:
             results.append(
                 TestResult("bias", "offset", bias.offset, limits.offset_low, limits.offset_high)
