@@ -61,6 +61,6 @@ def main(argv: Sequence[str]) -> int:
             judged = judge(recording, model, limits, settings)
             on, first = judged.enabled, 1.0 / baseline.predict(recording)
             for which, predicted in (("shipped", judged.predicted), ("baseline", first)):
-                told = figures(judged.measured[on], predicted[on])
+                told = figures(recording.column(model.card.output.name)[on], predicted[on])
                 rows.append({"vehicle": vehicle, "model": which} | told)
     return finish(args, rows)

@@ -139,11 +139,10 @@ def _warnings(card: ModelCard, good: Drives, bad: Drives, config: Config) -> lis
         for r, _ in good
         if r.sha256 in trained
     ]
-    texts += [
-        f"{r.path}: no window, so it says nothing{_why(r, card, config)}"
-        for r, judged in (*good, *bad)
-        if not judged.windows
-    ]
+    for r, judged in (*good, *bad):
+        if not judged.windows:
+            why = [cause.in_words for cause in why_not(r, card, config)[:1]]
+            texts.append("; ".join([f"{r.path}: no window, so it says nothing", *why]))
     speaking = sum(bool(judged.windows) for _, judged in good)
     if speaking < FEW_DRIVES:
         texts.append(
@@ -151,8 +150,3 @@ def _warnings(card: ModelCard, good: Drives, bad: Drives, config: Config) -> lis
             f"{FEW_DRIVES} and more are wanted"
         )
     return texts
-
-
-def _why(recording: Recording, card: ModelCard, config: Config) -> str:
-    found = why_not(recording, card, config)
-    return f"; {found[0].in_words}" if found else ""

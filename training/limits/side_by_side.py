@@ -34,7 +34,6 @@ _Kind = TypeVar("_Kind")
 class Judged:
     """The monitor's judgement of one recording."""
 
-    measured: FloatArray  # (n,) output's unit
     predicted: FloatArray  # (n,) output's unit, NaN while an input is not valid
     conditions: BoolArray  # (n, n_conditions) in the order of enable.CONDITIONS
     enabled: BoolArray  # (n,)
@@ -129,9 +128,8 @@ class _Run:
         clearings: Sequence[Clearing],
     ) -> None:
         self._judge, self._learns = judge, reference is not None
-        self._reference, steps = reference or Reference(), judge.steps
-        self.monitor = SensorMonitor(steps, self._limits(), store)
-        self._measured = block.values[:, steps.names.index(self.monitor.output)].copy()
+        self._reference = reference or Reference()
+        self.monitor = SensorMonitor(judge.steps, self._limits(), store)
         self._events: list[BlockEvent] = []
         self.blocks = self._parts(block, clearings)
 
@@ -168,7 +166,6 @@ class _Run:
         monitor, ticks = self.monitor, self._of(Ticks)
         conditions = np.empty((0, len(CONDITIONS)), dtype=np.bool_)
         return Judged(
-            measured=self._measured,
             predicted=np.concatenate([_NONE, *(each.predicted for each in ticks)]),
             conditions=np.concatenate([conditions, *(each.conditions for each in ticks)]),
             enabled=np.concatenate([_NONE.astype(np.bool_), *(each.enabled for each in ticks)]),
