@@ -103,7 +103,7 @@ class Windows:
                 window = self._window(*(column[k - self._n : k] for column in own))
                 found.append((end - n_own + k - 1, window))
             rest = n_own % self._n
-            self._begun = [column[-rest:] for column in own] if rest else []
+            self._begun = [column[-rest:].copy() for column in own] if rest else []
         return found
 
     def _window(
