@@ -218,7 +218,7 @@ def main(argv: Sequence[str]) -> int:
             cases = drives(run_of(args.folder, split.engine, run, columns), put_on)
             judged = judge_recordings([r for _, r in cases], model, limits, settings)
             on = judged[0].enabled & np.isfinite(judged[0].predicted)
-            share = metrics.fit_percent(judged[0].measured[on], judged[0].predicted[on])
+            share = metrics.fit_percent(cases[0][1].column(OUTPUT)[on], judged[0].predicted[on])
             pairs = zip(cases, judged, strict=True)
             own = [verdict(fault, each, told) for (fault, _), each in pairs]
             said = " ".join(v.named or ("SOUND" if v.sound_first else "-") for v in own)

@@ -72,7 +72,7 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     return {
         "drives": len(drives),
         "found": {fault.name: sum(fault.name in each.found for each in drives) for fault in faults},
-        "false": dict(Counter(name for each in drives for name in each.false)),
+        "false": dict(Counter(name for each in drives for name in sorted(each.false))),
         "explained": min(each.explained for each in drives),
         "severity": {fault.name: fault.severity for fault in faults},
     }
