@@ -5,19 +5,18 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.errors import UsageError
 from monitor.base.files import manifest
+from monitor.judge.bias import paper_failed
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.limits.decision_limits import above_most, with_limits
 from training.limits.evaluation import false_alarms
 from training.limits.judging import judge_recordings, why_not
-from training.limits.paper_limits import WindowResiduals, paper_limits
+from training.limits.paper_limits import Residuals, paper_limits
 from training.limits.rates import rate
 from training.limits.side_by_side import Judged
 from training.limits.trust import trust_of
@@ -91,20 +90,17 @@ def _entry(recording: Recording) -> dict[str, Any]:
     return entry if entry.get("sha256") == recording.sha256 else {}
 
 
-def _residuals(drives: Drives) -> WindowResiduals:
-    windows = [window for _, judged in drives for window in judged.windows]
-    return WindowResiduals(
-        *(np.array([getattr(w, name) for w in windows]) for name in WindowResiduals._fields)
-    )
+def _residuals(drives: Drives) -> Residuals:
+    return [(window.mean, window.std) for _, judged in drives for window in judged.windows]
 
 
 def _with_paper_limits(card: ModelCard, good: Drives, bad: Drives) -> ModelCard:
     """Return the card with the pair of limits that finds most faulty windows, if there are any."""
     healthy, faulty = _residuals(good), _residuals(bad)
-    if not len(faulty.mean):
+    if not faulty:
         return card
     pair = paper_limits(healthy, faulty, above_most)
-    how = f"; the pair misses the fewest of {len(faulty.mean)} faulty windows"
+    how = f"; the pair misses the fewest of {len(faulty)} faulty windows"
     changed = {
         name: replace(card.limits[name], value=value, origin=card.limits[name].origin + how)
         for name, value in zip(("j_mu", "j_sigma"), pair, strict=True)
@@ -124,7 +120,7 @@ def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any
         "fault": entry.get("fault"),
         "severity": entry.get("severity"),
         "windows": len(judged.windows),
-        "paper_failed": int(_residuals([(recording, judged)]).failed(j_mu, j_sigma).sum()),
+        "paper_failed": sum(paper_failed(w.mean, w.std, j_mu, j_sigma) for w in judged.windows),
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
         "named": sorted({dtc.fault for dtc in judged.dtcs}),
         "completed": judged.completed,
