@@ -61,7 +61,8 @@ class Windows:
 
     def __init__(self, n_samples: int, *, is_cut: bool = False) -> None:
         self._n, self._is_cut = n_samples, is_cut
-        self._begun: list[NDArray[Any]] = []  # of the window begun: times, readings, bank
+        self._begun: list[list[NDArray[Any]]] = []  # pieces of it: times, readings, bank
+        self._filled = 0  # samples of the window begun
         self.completed = 0
         self.discarded = 0
 
@@ -74,7 +75,7 @@ class Windows:
         """
         found = []
         for begin, end in runs(usable):
-            filled = len(self._begun[0]) if self._begun and goes_on and begin == 0 else 0
+            filled = self._filled if goes_on and begin == 0 else 0
             total, rest = filled + end - begin, 0
             if not (is_last and end == len(usable)):
                 rest = total % self._n
@@ -90,20 +91,21 @@ class Windows:
 
         goes_on : the block's first sample may go on with the window begun
         """
-        if self._begun and not (goes_on and spans and spans[0].begin == 0):
+        if self._filled and not (goes_on and spans and spans[0].begin == 0):
             self.discarded += 1
-            self._begun = []
+            self._begun, self._filled = [], 0
         found = []
         for begin, end, read in spans:
-            now = *(column[begin:end] for column in series), read
-            both = zip(self._begun, now, strict=True) if self._begun else ((each,) for each in now)
-            own = [np.concatenate(each) for each in both]
-            n_own = len(own[0])
-            for k in range(self._n, n_own + 1, self._n):
+            self._begun.append([*(column[begin:end] for column in series), read])
+            self._filled += end - begin
+            if self._filled < self._n:
+                continue
+            own = [np.concatenate(pieces) for pieces in zip(*self._begun, strict=True)]
+            for k in range(self._n, self._filled + 1, self._n):
                 window = self._window(*(column[k - self._n : k] for column in own))
-                found.append((end - n_own + k - 1, window))
-            rest = n_own % self._n
-            self._begun = [column[-rest:].copy() for column in own] if rest else []
+                found.append((end - self._filled + k - 1, window))
+            self._filled %= self._n
+            self._begun = [[column[-self._filled :].copy() for column in own]] * (self._filled > 0)
         return found
 
     def _window(

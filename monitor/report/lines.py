@@ -68,9 +68,8 @@ def event_line(event: Happening, collector: Collector) -> str:
     if isinstance(event, RuleOff):
         return f"{collector.seconds(event.t_ns):8.1f} s  {event.said}"
     if isinstance(event, CutJudged):
-        said = f"{event.outcome} {event.fault or ''}"
         t_s = collector.seconds(event.window.t_end_ns)
-        return f"{t_s:8.1f} s  window around a fuel cut  {said}"
+        return f"{t_s:8.1f} s  window around a fuel cut  {event.outcome} {event.fault or ''}"
     paper = "  paper: failed" if event.paper_failed else ""
     return (
         f"{collector.seconds(event.window.t_end_ns):8.1f} s  window {event.window.index}  "
