@@ -76,11 +76,10 @@ def fit(subject: TableSubject, report: Report = nobody) -> FittedTables:
 
     report : is told the share done, 0 to 1, and the scale of the whitened residual in phi
     """
-    logs = subject.logs()
-    share = 1.0 / (1 + len(logs))
-    parts = [part(report, k * share, (k + 1) * share) for k in range(1 + len(logs))]
-    alone = tuple(_fit(log, part) for log, part in zip(logs, parts[1:], strict=True))
-    return replace(_fit(subject, parts[0]), alone=alone)
+    of = [subject, *subject.logs()]
+    parts = (part(report, k / len(of), (k + 1) / len(of)) for k in range(len(of)))
+    whole, *alone = map(_fit, of, parts)
+    return replace(whole, alone=tuple(alone))
 
 
 def _fit(subject: TableSubject, report: Report) -> FittedTables:
@@ -160,9 +159,8 @@ class _Problem:
         """Return the whitening filter of the residuals by weighted least squares."""
         every = math.lcm(*(c.drive.every for c in self.cases))
         order = min(max(round(AR_S / self.cases[0].drive.period_s / every), 2), AR_MOST)
-        normal, slope = np.zeros((order, order)), np.zeros(order)
-        for case in self.cases:
-            e = case.drive.phi - reading(Vector(self.p, x), case)
+        normal, slope, errors = np.zeros((order, order)), np.zeros(order), self.errors(x)
+        for case, e in zip(self.cases, errors, strict=True):
             at = np.flatnonzero(_Noise.of(np.ones(order), every).kept(case.drive.usable))
             late = np.stack([e[at - k * every] for k in range(1, order + 1)], axis=1)
             w = _scale(case)[at] ** -2.0
@@ -170,23 +168,23 @@ class _Problem:
             slope += late.T @ (e[at] * w)
         ridge = (1e-9 * np.trace(normal) + np.finfo(float).tiny) * np.eye(order)
         plain = _Noise.of(np.linalg.solve(normal + ridge, slope), every)
-        white = np.concatenate([self._white(x, case, plain) for case in self.cases])
-        return replace(plain, sigma=float(1.4826 * np.median(np.abs(white))))
+        return replace(plain, sigma=float(1.4826 * np.median(np.abs(self._white(errors, plain)))))
 
-    def _white(self, x: FloatArray, case: PredictionCase, noise: _Noise) -> FloatArray:
-        """Return the whitened residuals (m,) of the samples that count."""
-        e = case.drive.phi - reading(Vector(self.p, x), case)
-        white = lfilter(noise.filter, [1.0], e) / _scale(case) / noise.sigma
-        return np.asarray(white[noise.kept(case.drive.usable)])
+    def errors(self, x: FloatArray) -> list[FloatArray]:
+        """Return the residuals (n,) of each drive in phi."""
+        return [c.drive.phi - reading(Vector(self.p, x), c) for c in self.cases]
+
+    def _white(self, errors: Sequence[FloatArray], noise: _Noise) -> FloatArray:
+        """Return the whitened residuals (m,) of all drives' samples that count."""
+        pairs = zip(self.cases, errors, strict=True)
+        white = [(c, lfilter(noise.filter, [1.0], e) / _scale(c) / noise.sigma) for c, e in pairs]
+        return np.concatenate([own[noise.kept(c.drive.usable)] for c, own in white])
 
     def cost(self, x: FloatArray, noise: _Noise) -> float:
         """Return half the squares, growing slowly beyond three sigma, with those of the prior."""
-        off = x - self.p.mean()
-        total = 0.0
-        for case in self.cases:
-            white = self._white(x, case, noise)
-            total += float(np.log1p((white / OUTLIER) ** 2).sum()) * OUTLIER**2 / 2.0
-        return total + 0.5 * float(off @ self.prior @ off)
+        off, white = x - self.p.mean(), self._white(self.errors(x), noise)
+        squares = float(np.log1p((white / OUTLIER) ** 2).sum()) * OUTLIER**2
+        return 0.5 * (squares + float(off @ self.prior @ off))
 
     def equations(self, x: FloatArray, noise: _Noise) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the normal matrix, the slope, and the sum of squares of the blocks' slopes."""

@@ -49,10 +49,9 @@ class CellSamples:
         def joined(arrays: Iterable[FloatArray]) -> FloatArray:
             return np.concatenate([own[at] for own, at in zip(arrays, places, strict=True)])
 
-        self.rpm, self.load = joined(d.rpm for d in drives), joined(d.load for d in drives)
-        self.flow = joined(c.point.flow_kg_h for c in fitted.cases)
-        self.volts = joined(d.volts for d in drives)
-        self.degc = WARM_DEGC - 60.0 * joined(d.cold for d in drives)
+        *points, _ = zip(*(case.point for case in fitted.cases), strict=True)
+        self.rpm, self.load, self.flow, cold = map(joined, points)
+        self.degc, self.volts = WARM_DEGC - 60.0 * cold, joined(d.volts for d in drives)
         self.per_load = self.flow / self.rpm / np.maximum(self.load, 1.0)
         self.at_s = joined(d.period_s * np.arange(float(len(d))) for d in drives)
         n_of = [len(at) for at in places]

@@ -10,6 +10,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
 from training.greybox.fit.case import WHITE, Case, Prior, Shrink, errors, predict, shrink
+from training.greybox.fit.constants import STARTS
 from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
 from training.greybox.fit.joint import JointFit, fit
 from training.healthy import scoring
@@ -27,11 +28,6 @@ SPREAD_CARD: Final = Constants(
     span=0.02,
 )
 FREE: Final = Constants(*(10.0 * value for value in (0.1, 0.1, 1.0, 0.1, 0.1, 0.1)))
-STARTS: Final = (
-    Constants(),
-    Constants(dead_time_s=0.05, dead_time_revolutions=0.5, mixing_s=0.03, sensor_s=0.05),
-    Constants(dead_time_s=0.35, dead_time_revolutions=3.0, mixing_s=0.1, sensor_s=0.3),
-)
 Columns = Mapping[str, FloatArray]  # of a drive, (n,) each
 PHASE_MOST_S: Final = 0.02  # in the mean of all drives, of the charge's message against the fuel's
 SIGMA_PHI: Final = 0.004  # of the first fit; the noise is worked out of it
@@ -76,7 +72,7 @@ def base_state(
         drives = _where_known(drives, known)
     # The base holds: what shifted for good is for the candidates to explain.
     prior = None if base is None else Prior(base, SPREAD_CARD)
-    starts = STARTS if base is None else (base,)
+    starts = STARTS[:3] if base is None else (base,)  # none of a slow, weak sensor
     made = [known.columns(drive) for drive in drives] if known else []
     learned = [known.learned(own) for own in made] if known else [np.zeros(len(d)) for d in drives]
     case = Case(

@@ -236,8 +236,10 @@ def test_a_log_with_hardly_a_usable_sample_is_refused_with_the_reasons(drive: Pa
 def test_a_log_on_a_slow_grid_knows_no_delay_and_says_so(drive: Path) -> None:
     log = load(drive)
     slow = replace(log, values=log.values[::40], quality=log.quality[::40], period_ns=2 * 10**9)
-    subject = subject_of([slow])
-    delay = tables(fit(subject), axes_of(subject.load), defaults())[0]
+    subject, shares = subject_of([slow]), list[float]()
+    fitted = fit(subject, lambda share, _: shares.append(share))
+    assert shares == sorted(shares) and shares[-1] == 1.0  # whose progress never goes back
+    delay = tables(fitted, axes_of(subject.load), defaults())[0]
     assert np.isnan(delay.estimate).all() and "the interval is too wide" in delay.reasons()
 
 
@@ -287,8 +289,7 @@ def test_a_file_gets_lines_with_share_time_left_and_the_best_error_so_far() -> N
 
 def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) -> None:
     recording = load(log_of(tmp_path, "port", "speed_density", 30.0))
-    four = subject_of([recording], displacement_l=2.0)
-    both = four, subject_of([recording], displacement_l=3.0, cylinders=6)
+    both = [subject_of([recording], None, *of) for of in ((2.0, 4), (3.0, 6))]
     np.testing.assert_allclose(*(each.drives[0].air for each in both))
     cases = [_Problem.of(each, each.drives, 2).cases[0] for each in both]
     np.testing.assert_allclose(cases[1].point.flow_kg_h, 1.5 * cases[0].point.flow_kg_h)

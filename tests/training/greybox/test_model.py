@@ -146,14 +146,10 @@ def test_fuel_cut_reads_lean_even_if_no_recording_had_one(
 
 
 def without(recording: Recording, *names: str) -> Recording:
-    kept = tuple(n for n in recording.names if n not in names)
-    columns = [recording.names.index(n) for n in kept]
-    return replace(
-        recording,
-        names=kept,
-        values=recording.values[:, columns],
-        quality=recording.quality[:, columns],
-    )
+    at = [i for i, name in enumerate(recording.names) if name not in names]
+    kept = tuple(recording.names[i] for i in at)
+    values, quality = recording.values[:, at], recording.quality[:, at]
+    return replace(recording, names=kept, values=values, quality=quality)
 
 
 def test_where_no_charge_is_broadcast_density_serves_and_else_the_air_meter(

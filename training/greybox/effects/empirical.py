@@ -5,6 +5,7 @@ The name of such an effect says its form, so that a model's card needs nothing e
 size acts on. With ``:SIGNAL:AT:WIDTH`` behind, the size grows with a second signal.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -14,7 +15,7 @@ from monitor.base.errors import ModelError
 from training.greybox.effects import shape as shapes
 from training.greybox.effects.air import SLOWLY
 from training.greybox.effects.effect import Changed, Effect, Parameter, Place, Values
-from training.greybox.quantity.value import Quantity, clip, maximum
+from training.greybox.quantity.value import Quantity, maximum
 
 PREFIX: Final = "empirical"
 PERCENT: Final = 100.0
@@ -73,6 +74,11 @@ FORMS: Final[Mapping[str, tuple[Target, shapes.Shape]]] = {
     "exponential": (MIXTURE, shapes.EXPONENTIAL),
 }
 
+NUMBER: Final = r"(-?\d+\.?\d*(?:e[-+]\d+)?)"
+NAME: Final = re.compile(  # a column of a log may have a colon in its name
+    f"{PREFIX}:(.+):({'|'.join(FORMS)}):{NUMBER}:{NUMBER}(?::(.+):{NUMBER}:{NUMBER})?"
+)
+
 
 def is_empirical(name: str) -> bool:
     """Return whether the name is one of an empirical effect."""
@@ -105,16 +111,13 @@ class NameParts(NamedTuple):
 
 def parts_of(name: str) -> NameParts:
     """Return what a name says; raises ModelError if it is none of an empirical effect."""
-    try:
-        _, signal, form, at, width, *more = name.split(":")
-        growth = _scaled(*more) if more else None
-        return NameParts(_scaled(signal, at, width), form, *FORMS[form], growth)
-    except (ValueError, KeyError, TypeError):
-        raise ModelError(f"{name!r} is no empirical effect") from None
-
-
-def _scaled(signal: str, at: str, width: str) -> shapes.ScaledSignal:
-    return shapes.ScaledSignal(signal, float(at), float(width))
+    said = NAME.fullmatch(name)
+    if said is None:
+        raise ModelError(f"{name!r} is no empirical effect")
+    signal, form, at, width, *second = said.groups()
+    over = shapes.ScaledSignal(signal, float(at), float(width))
+    growth = shapes.ScaledSignal(second[0], *map(float, second[1:])) if second[0] else None
+    return NameParts(over, form, *FORMS[form], growth)
 
 
 def effect_of(name: str) -> Effect:
@@ -127,8 +130,7 @@ def effect_of(name: str) -> Effect:
         size, own = shape.size(place, over.u(place), values[:n]), values[n:]
         if growth is not None:
             grown, *own = own
-            u = clip(growth.u(place), -shapes.FARTHEST, shapes.FARTHEST)
-            size = size * (1.0 + grown * u)
+            size = size * (1.0 + grown * growth.u(place))
         return target.changed(place, size, own)
 
     signals = (over.signal, *((growth.signal,) if growth else ()), *target.needs)

@@ -26,8 +26,9 @@ class ScaledSignal(NamedTuple):
     width: float
 
     def u(self, place: Place) -> Quantity:
-        """Return the scaled signal."""
-        return (place.signal(self.signal) - self.at) * (1.0 / self.width)
+        """Return the scaled signal, level from the farthest value on."""
+        scaled = (place.signal(self.signal) - self.at) * (1.0 / self.width)
+        return clip(scaled, -FARTHEST, FARTHEST)
 
 
 class Shape(NamedTuple):
@@ -49,11 +50,11 @@ def _signed(size: float, unit: str) -> str:
 
 
 def _line(place: Place, u: Quantity, values: Values) -> Quantity:
-    return values[0] + values[1] * clip(u, -FARTHEST, FARTHEST)
+    return values[0] + values[1] * u
 
 
 def _late_line(place: Place, u: Quantity, values: Values) -> Quantity:
-    late = place.lag(clip(u, -FARTHEST, FARTHEST) + POSITIVE, values[2]) - POSITIVE
+    late = place.lag(u + POSITIVE, values[2]) - POSITIVE
     return values[0] + values[1] * late
 
 
@@ -84,7 +85,7 @@ def _says_curve(values: Values, over: ScaledSignal, unit: str) -> str:
 
 
 def _bump(place: Place, u: Quantity, values: Values) -> Quantity:
-    z = _from_place(u, values[1], values[2])
+    z = (u - values[1]) * (1.0 / values[2])
     return exp(z * z * -1.0) * values[0]
 
 
@@ -96,7 +97,7 @@ def _says_bump(values: Values, over: ScaledSignal, unit: str) -> str:
 
 
 def _step(place: Place, u: Quantity, values: Values) -> Quantity:
-    return values[0] + values[1] * tanh(_from_place(u, values[2], values[3]))
+    return values[0] + values[1] * tanh((u - values[2]) * (1.0 / values[3]))
 
 
 def _says_step(values: Values, over: ScaledSignal, unit: str) -> str:
@@ -107,7 +108,7 @@ def _says_step(values: Values, over: ScaledSignal, unit: str) -> str:
 
 
 def _bend(place: Place, u: Quantity, values: Values) -> Quantity:
-    away = clip(u, -FARTHEST, FARTHEST) - values[3]
+    away = u - values[3]
     return values[0] + values[1] * minimum(away, 0.0) + values[2] * maximum(away, 0.0)
 
 
@@ -129,10 +130,6 @@ def _says_exponential(values: Values, over: ScaledSignal, unit: str) -> str:
     first = _signed(size * math.exp(-abs(rate)), unit)  # at u = 0
     rise = f"exp({plain(rate / over.width, 3)} × ({over.signal} - {plain(over.at, 6)}))"
     return f"{_signed(middle, unit)} {first} × {rise}"
-
-
-def _from_place(u: Quantity, place: float, width: float) -> Quantity:
-    return (clip(u, -FARTHEST, FARTHEST) - place) * (1.0 / width)
 
 
 _PLACE: Final = Parameter("place", "", -1.0, 1.0, (-0.6, -0.2, 0.2, 0.6))

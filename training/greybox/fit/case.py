@@ -67,7 +67,6 @@ class Case:
     fixed: Constants | None = None  # of the base; a fit then moves the terms' parameters only
     shrinks: tuple[Shrink, ...] = ()  # per drive; empty if the variation of drives is unknown
     scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1
-
     rows: tuple[IntArray, ...] = field(init=False)  # per drive (m,), see ``ChainDrive.kept``
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ from tests.training.greybox.test_effect_forms import (
 from training.gap.name.formulas.formula import _place_of, _rate_of, first_term, formula_of
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Constants, Path, base_path, simulate
-from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of
+from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of, parts_of
 from training.greybox.fit.drive import ChainDrive, make
 from training.healthy.base_state import base_state
 from training.healthy.scoring import Score
@@ -162,6 +162,9 @@ def test_every_formula_can_be_read_again_and_leaves_a_mixture(
     assert np.isfinite(mixture).all()
     assert (mixture >= 0.0).all()
     assert "manifold_pressure_kpa" in formula(name, values)
+    # AND a name with a colon, as a log's column may have, is read again
+    over, *_, growth = parts_of(growing(name_of("flap:angle", form, at, width), "a:b", at, width))
+    assert (over.signal, growth) == ("flap:angle", ("a:b", *over[1:]))
 
 
 @pytest.mark.parametrize(
