@@ -92,7 +92,7 @@ class Effect:
     says: str  # effect on the vehicle, as the end of a sentence
     look_at: str = ""  # causes of a size below 0 that is another effect, as the end of a sentence
     parameters: tuple[Parameter, ...]
-    needs: tuple[str, ...]  # signals without which the effect cannot be fitted
+    needs: tuple[str, ...] = ()  # signals without which the effect cannot be fitted
     optional: tuple[str, ...] = ()  # signals that the effect reads if they are present
     superseded: tuple[tuple[str, str], ...] = ()  # (optional signal, signal that replaces it)
     tag: Tag

@@ -101,7 +101,6 @@ def fuel_cut_tail(at: Place, p: Values) -> Changed:
     Effect,
     says="the sensor follows one direction slower than the other",
     parameters=(Parameter("logarithm", "-", -2.5, 2.5, (0.3, -0.3)),),
-    needs=(),
     tag="either",
     like=("slow_rich_to_lean", "slow_lean_to_rich"),
 )

@@ -52,7 +52,6 @@ def wall_film(at: Place, p: Values) -> Changed:
     Effect,
     says="every injection gives a constant mass more or less",
     parameters=(Parameter("offset", "mg/stroke", -3.0, 3.0, (0.1,)),),
-    needs=(),
     tag="either",
 )
 def injector_offset(at: Place, p: Values) -> Changed:
@@ -107,7 +106,6 @@ def purge(at: Place, p: Values) -> Changed:
     Effect,
     says="the fuel's stoichiometric ratio differs",
     parameters=(Parameter("fraction", "-", -0.3, 1.0, (0.05,)),),
-    needs=(),
     tag="either",
     like=("biased", "humidity", "slope error of the air meter", "slope error of the injectors"),
     gain_class=True,

@@ -119,10 +119,9 @@ class Greybox:
     @property
     def _slowest(self) -> ChainPath:
         """The path at the lowest inputs with least and most air, where its times are longest."""
-        signals = {name: np.full(2, low) for name, (low, _) in self.limits.items()}
-        slowest_rpm = max(signals.get("engine_speed_rpm", [0.0])[0], SPEED_LEAST_RPM)
-        slow = {"engine_speed_rpm": np.full(2, slowest_rpm), "air_mass_mg": np.array(AIR_MG)}
-        return self.path(signals | slow)
+        lowest = {"engine_speed_rpm": SPEED_LEAST_RPM} | {n: e[0] for n, e in self.limits.items()}
+        signals = {name: np.full(2, low) for name, low in lowest.items()}
+        return self.path(signals | {"air_mass_mg": np.array(AIR_MG)})
 
     @property
     def contraction(self) -> Contraction:
