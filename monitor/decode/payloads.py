@@ -40,11 +40,12 @@ class Fields:
         columns = np.array(rows, dtype=np.uint64).reshape(-1, 5, 1).transpose(1, 0, 2)
         self._first, self._is_big = columns[0].ravel().astype(np.int64), columns[1] > 0
         self._shift, self.mask, self._sign = columns[2:]  # each (n_signals, 1)
+        self._has_big, self._has_sign = columns[1].any(), columns[4].any()
 
     def read(self, data: Bytes) -> tuple[IntArray, dict[int, Raw]]:
         """Return raw values, (n_signals, n), and by number those that no integer of 64 bits is."""
         bits = self._bits(data, self._first, self._is_big, self._shift, self.mask)
-        raw = ((bits ^ self._sign) - self._sign).view(np.int64)
+        raw = ((bits ^ self._sign) - self._sign if self._has_sign else bits).view(np.int64)
         return raw, {i: _odd(m, s, is_long, raw[i], data) for i, m, s, is_long in self._odd}
 
     def bits(self, data: Bytes, which: Numbers | list[int]) -> Bits:
@@ -56,11 +57,10 @@ class Fields:
         """Return bits in words, given by their first bytes, or these and their payloads."""
         if (missing := self._width - data.shape[1]) > 0:
             data = np.pad(data, ((0, 0), (0, missing)))
-        n, width = data.shape
+        data, (n, width) = np.ascontiguousarray(data), data.shape
         shape = width - _WORD // 8 + 1, n  # from every byte on
-        data = np.ascontiguousarray(data)
         found: Bits = np.ndarray(shape, "<u8", data, strides=(1, width))[words]
-        if is_big.any():
+        if self._has_big:
             found = np.where(is_big, found.byteswap(), found)
         return found >> shift & mask
 

@@ -218,7 +218,8 @@ class _Grid:
         self._held = np.full(n_channels, np.nan)  # of the last tick closed
         self._is_after_gap = quality == _GAP
         self._held_quality = np.full(n_channels, quality, dtype=np.uint8)
-        self._kept: list[tuple[IntArray, IntArray, FloatArray]] = []  # as ``keep`` takes them
+        # channel, time from the anchor and value of what came, each (n,)
+        self._kept: list[tuple[IntArray, IntArray, FloatArray]] = [(_NONE, _NONE, np.empty(0))]
 
     def open_tick(self, newest_ns: int) -> int:
         """Return the number of the open tick, counted from 0."""
@@ -232,8 +233,9 @@ class _Grid:
     def keep(self, channels: Sequence[int], t_ns: IntArray, values: FloatArray) -> None:
         """Take values, (n_channels, m), received at ``t_ns``, (m,), in the order of the log."""
         if len(t_ns):
-            numbers = np.array(channels, dtype=np.int64)[:, np.newaxis]
-            self._kept.append((numbers, t_ns - self.anchor_ns, values))
+            numbers = np.array(channels, dtype=np.int64).repeat(len(t_ns))
+            t_ns = np.concatenate([t_ns - self.anchor_ns] * len(channels))
+            self._kept.append((numbers, t_ns, values.ravel()))
 
     def close(
         self, until: int, received_ns: IntArray, timeouts_ns: IntArray, *, off_bus: bool
@@ -284,23 +286,17 @@ class _Grid:
 
     def _taken(self, end_ns: int, n_channels: int) -> tuple[IntArray, IntArray, FloatArray]:
         """Return place, time and value of all that came up to a time; keep the rest."""
-        numbers_of, times_ns, data = [_NONE], [_NONE], [np.empty(0)]
-        kept, self._kept = self._kept, []
-        for numbers, t_ns, values in kept:
-            n = int(t_ns.searchsorted(end_ns, "right"))  # ticks never fall
-            numbers_of.append(numbers.repeat(n))
-            times_ns += [t_ns[:n]] * len(numbers)
-            data.append(values[:, :n].ravel())
-            if n < len(t_ns):
-                self._kept.append((numbers, t_ns[n:], values[:, n:]))
-        t_ns = np.concatenate(times_ns)
+        numbers, t_ns, data = map(np.concatenate, zip(*self._kept, strict=True))
+        is_in = t_ns <= end_ns
+        self._kept = [(numbers[~is_in], t_ns[~is_in], data[~is_in])]
+        numbers, t_ns, data = numbers[is_in], t_ns[is_in], data[is_in]
         tick = np.maximum((t_ns + self._period_ns - 1) // self._period_ns, 1) - 1 - self._n
-        return tick * n_channels + np.concatenate(numbers_of), t_ns, np.concatenate(data)
+        return tick * n_channels + numbers, t_ns, data
 
     def note_times(self, received_ns: IntArray) -> None:
         """Note when the values of the open tick came, which a break forgets."""
         for numbers, t_ns, _ in self._kept:
-            received_ns[numbers] = self.anchor_ns + t_ns[-1]
+            received_ns[numbers] = self.anchor_ns + t_ns
 
 
 def assemble_arrays(
