@@ -85,7 +85,7 @@ def replaying(path: Path, *more: str) -> Job:
 def fuzz(n: int, seed: int, keep: Path) -> dict[str, FormatCounts]:
     """Replay ``n`` damaged logs; return the counts by format. Files of failures go to ``keep``."""
     setup = options.set_up(options.SetupOptions())
-    replay.set_up = lambda *_, **_options: setup  # type: ignore[assignment]  # loaded once
+    replay.set_up = lambda *_, **_options: setup  # type: ignore[attr-defined]  # loaded once
     found: dict[str, FormatCounts] = defaultdict(FormatCounts)
     begun_s = time.monotonic()
     with TemporaryDirectory() as name:

@@ -132,7 +132,7 @@ def _hostile_cards(content: bytes) -> Iterator[tuple[str, bytes]]:
         yield name, with_card_text(content, text)
     for key, value in (
         *(("period_ns", each) for each in (0, 1, 1000, 10**300, -5, 1e8, "1", None, True)),
-        *(("lags", each) for each in (0, 10**12, -1, [], 1.5)),
+        *zip(["lags"] * 5, (0, 10**12, -1, [], 1.5), strict=True),
         ("state.size", 10**15),
         ("state.output_step", 0),
         ("state.output_start", -(10**12)),

@@ -59,7 +59,7 @@ class PlainLoop:
             done.append(tick_s)
         if message.arbitration_id in self._decoded:
             decoded = self._database.decode_message(message.arbitration_id, message.data)
-            values.update(decoded)  # type: ignore[arg-type]
+            values.update(decoded)
         return done
 
     def read(self, path: Path) -> None:

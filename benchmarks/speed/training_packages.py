@@ -17,8 +17,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from training.narx.algorithms.lm import minimise
-from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples
+from training.narx.algorithms.objectives import ClosedLoop, Pieces
 from training.narx.network import Spec, forward, layers, regressors
+from training.recordings.samples.preparation import Samples
 
 
 @dataclass(frozen=True)

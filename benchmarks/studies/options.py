@@ -69,6 +69,6 @@ def plan_of(plan: type[Plan], args: argparse.Namespace) -> Plan:
         raise UsageError("--out DIR is needed")
     if args.jobs < 1:
         raise UsageError(f"--jobs is at least 1, not {args.jobs}")
-    own = [each.name for each in fields(plan) if "help" in each.metadata]  # type: ignore[arg-type]
+    own = [each.name for each in fields(plan) if "help" in each.metadata]
     given = {name: getattr(args, name) for name in own}
     return plan(**{k: tuple(v) if isinstance(v, list) else v for k, v in given.items()})

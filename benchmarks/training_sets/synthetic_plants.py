@@ -13,8 +13,7 @@ from scipy import signal
 
 from benchmarks.training_sets.public_data import Plant, PlantRecord
 
-WASHOUT, PERIOD_S = 50, 0.1
-SEED: Final = 1
+WASHOUT, PERIOD_S, SEED = 50, 0.1, 1
 
 
 def multisine(
@@ -29,7 +28,7 @@ def multisine(
 
 
 @njit
-def tank_levels(pump, level):
+def tank_levels(pump: np.ndarray, level: float) -> np.ndarray:
     height = np.zeros(len(pump))
     upper, lower, step_s = level, level, 0.1
     for t in range(len(pump)):
@@ -55,7 +54,7 @@ def tanks() -> Plant:
 
 
 @njit
-def oscillator_places(force):
+def oscillator_places(force: np.ndarray) -> np.ndarray:
     place = np.zeros(len(force))
     x, v, step = 0.0, 0.0, 0.7 / 8
     for t in range(len(force)):
@@ -94,7 +93,7 @@ def sandwich() -> Plant:
 
 
 @njit
-def hysteresis_places(force):
+def hysteresis_places(force: np.ndarray) -> np.ndarray:
     place = np.zeros(len(force))
     x, v, z, step_s = 0.0, 0.0, 0.0, 1.0 / 15_000
     for t in range(len(force)):

@@ -31,7 +31,7 @@ TEST_SEED = 2001
 
 def simulated(folder: Path, **what: object) -> Recording:
     """Return one simulated drive."""
-    return load(write(Experiment(**what), folder, "parquet"))  # type: ignore[arg-type]
+    return load(write(Experiment(**what), folder, "parquet"))
 
 
 def figures(measured: np.ndarray, predicted: np.ndarray) -> dict[str, float]:
