@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from monitor.base import config
@@ -14,22 +14,15 @@ from monitor.judge.bias import BiasRule, paper_failed
 
 
 @given(st.floats(-2.0, 2.0), st.floats(0.0, 2.0), st.floats(1e-3, 1.0), st.floats(1e-3, 1.0))
-def test_the_papers_rule_needs_mean_and_spread(
+@example(0.05, 0.25, 0.05, 0.25)
+@example(-0.05, 0.25, 0.05, 0.25)
+@example(math.nextafter(0.05, 0.0), 0.25, 0.05, 0.25)
+@example(math.nextafter(-0.05, 0.0), 0.25, 0.05, 0.25)
+@example(0.05, math.nextafter(0.25, 0.0), 0.05, 0.25)
+def test_the_papers_rule_needs_mean_and_spread_at_their_limits_or_beyond(
     mean: float, std: float, j_mu: float, j_sigma: float
 ) -> None:
-    assert paper_failed(mean, std, j_mu, j_sigma) == (
-        (mean >= j_mu or -mean >= j_mu) and std >= j_sigma
-    )
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_papers_rule_is_exact_at_its_limits(sign: float) -> None:
-    j_mu, j_sigma = 0.05, 0.25
-    assert paper_failed(sign * j_mu, j_sigma, j_mu, j_sigma)
-    assert not paper_failed(sign * math.nextafter(j_mu, 0.0), j_sigma, j_mu, j_sigma)
-    assert not paper_failed(sign * j_mu, math.nextafter(j_sigma, 0.0), j_mu, j_sigma)
-    assert not paper_failed(sign * 100.0, 0.0, j_mu, j_sigma)
-    assert not paper_failed(0.0, 100.0, j_mu, j_sigma)
+    assert paper_failed(mean, std, j_mu, j_sigma) == (abs(mean) >= j_mu and std >= j_sigma)
 
 
 # The bias rule
@@ -79,7 +72,6 @@ def test_a_small_offset_needs_more_windows_than_a_large_one() -> None:
 
 
 def test_the_limits_of_a_vehicle_need_not_be_alike() -> None:
-    assert [new_rule(-0.01, 0.07).judge(x).outcome for x in (0.06,)] == ["inconclusive"]
     for offset, fault in ((0.06, None), (-0.04, "biased_rich"), (0.1, "biased_lean")):
         rule = new_rule(-0.01, 0.07)
         assert [rule.judge(offset) for _ in range(10)][-1].fault == fault

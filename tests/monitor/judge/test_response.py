@@ -167,12 +167,6 @@ def verdicts(sensor: Sensor, seed: int) -> list[Response]:
     return judge(*drive(sensor, seed), new_rule())
 
 
-def test_the_judged_signals_are_no_easier_than_the_prototypes() -> None:
-    measured, predicted = drive(healthy, 1001)
-    assert 0.003 < errors().noise < 0.01
-    assert np.corrcoef(measured, predicted)[0, 1] < 0.985
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_a_healthy_sensor_passes_and_never_fails(seed: int) -> None:
     outcomes = Counter(v.outcome for v in verdicts(healthy, seed))
