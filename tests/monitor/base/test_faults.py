@@ -34,46 +34,32 @@ def read(fault: Fault, phi: list[float], period_s: float = PERIOD_S) -> np.ndarr
 # Definitions
 
 
-@given(phis, lags_s)
-def test_a_symmetric_lag_is_the_first_order_step_response(phi: list[float], tau_s: float) -> None:
-    share = 1.0 - math.exp(-PERIOD_S / tau_s)
-    expected, x = [], phi[0]
-    for u in phi:
-        x += (u - x) * share
-        expected.append(x)
-    np.testing.assert_allclose(read(resolve("slow_symmetric", tau_s), phi), expected, rtol=CLOSE)
-
-
-@given(phis, lags_s, st.sampled_from(["rich_to_lean", "lean_to_rich"]))
-def test_a_one_sided_lag_acts_on_its_edge_direction_only(
+@given(phis, lags_s, st.sampled_from(DIRECTIONS))
+def test_a_lag_is_the_first_order_step_response_on_the_edges_of_its_direction(
     phi: list[float], tau_s: float, direction: str
 ) -> None:
-    slowed = np.array(phi)
     got = read(resolve(f"slow_{direction}", tau_s), phi)
     share = 1.0 - math.exp(-PERIOD_S / tau_s)
     x = phi[0]
-    for u, s in zip(slowed, got, strict=True):
-        acts = u > x if direction == "lean_to_rich" else u < x
+    for u, s in zip(phi, got, strict=True):
+        acts = direction == "symmetric" or (u > x) == (direction == "lean_to_rich")
         x = x + (u - x) * share if acts else u
         assert s == pytest.approx(x, rel=CLOSE)
 
 
 @given(phis, delays)
-def test_a_symmetric_dead_time_is_exactly_the_shifted_signal(phi: list[float], late: int) -> None:
-    got = read(resolve("delay_symmetric", late * PERIOD_S), phi)
-    shifted = ([phi[0]] * late + phi)[: len(phi)]
-    np.testing.assert_allclose(got, shifted, rtol=CLOSE)
-
-
-@given(phis, delays)
-def test_a_one_sided_dead_time_holds_the_old_value_against_its_edge_only(
+def test_a_dead_time_shifts_the_edges_of_its_direction_and_no_others(
     phi: list[float], late: int
 ) -> None:
     then = np.array(([phi[0]] * late + phi)[: len(phi)])
-    rising = read(resolve("delay_lean_to_rich", late * PERIOD_S), phi)
-    falling = read(resolve("delay_rich_to_lean", late * PERIOD_S), phi)
-    np.testing.assert_allclose(rising, np.minimum(phi, then), rtol=CLOSE)
-    np.testing.assert_allclose(falling, np.maximum(phi, then), rtol=CLOSE)
+    reads = {
+        "symmetric": then,
+        "lean_to_rich": np.minimum(phi, then),
+        "rich_to_lean": np.maximum(phi, then),
+    }
+    for direction, expected in reads.items():
+        got = read(resolve(f"delay_{direction}", late * PERIOD_S), phi)
+        np.testing.assert_allclose(got, expected, rtol=CLOSE)
 
 
 @given(phis, st.floats(0.05, 0.95))
