@@ -22,19 +22,7 @@ from monitor.decode.raw_values import plausible_range
 from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OBD, OWN
 from tests.helpers.logs.decoding import Decoding, Values
-
-AIR = OWN.channels["air_mass_mg"].message
-
-
-def air(count: int, **values: float) -> Frame:
-    sent = {"AirMass": 300.0, "AirMassFlow": 40.0, "ManifoldPressure": 50.0} | values
-    payload = bytearray(AIR.encode({**sent, "AliveCounter": count, "Checksum": 0}, strict=False))
-    payload[7] = payload_checksum("crc8_sae_j1850_id", AIR.frame_id, payload, 7)
-    return Frame(0, AIR.frame_id, False, bytes(payload))
-
-
-def decoding(*names: str) -> Decoding:
-    return Decoding(OWN, names or OWN.names)
+from tests.helpers.logs.injected_frames import lambda_frames
 
 
 def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
@@ -45,12 +33,12 @@ def bus_map_of(folder: Path, size: int, signals: str, own: str) -> BusMap:
 
 
 def test_a_restart_forgets_counters_and_counts() -> None:
-    subject = decoding()
-    subject.push([air(5), Frame(0, 0x123, False, b"")])
+    (frame,), subject = lambda_frames([1.0]), Decoding(OWN, OWN.names)
+    subject.push([frame, Frame(0, 0x123, False, b"")])
     subject.decoder.restart()
     assert subject.decoder.unmapped == 0
     assert all(counters.received == 0 for counters in subject.decoder.counters.values())
-    assert subject.one(air(5)) is not None
+    assert subject.one(frame) is not None
 
 
 @pytest.mark.parametrize("start", [1, 12, 47])

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import read_database
 
 HEAD = 'VERSION ""\n\nNS_ :\n\tCM_\n\tVAL_\n\nBS_:\n\nBU_: ECU\n\n'
@@ -74,8 +73,3 @@ def test_messages_behind_a_comment_without_its_end_are_read(tmp_path: Path) -> N
     more = GOOD.replace("256 Engine", "257 Gearbox")
     messages, _ = read(tmp_path, GOOD + 'CM_ "front"\n' + more)
     assert list(messages) == ["Engine", "Gearbox"]
-
-
-def test_what_is_no_database_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SignalMapError, match="not a CAN database"):
-        read(tmp_path, "time_s,lambda\n0.0,1.0\n")
