@@ -21,31 +21,24 @@ from tests.helpers.logs.decoding import values_of
 
 LAMBDA_ID, CHECKSUM = 0xC2, 7
 
-# Lambda where it is awkward: signed across bytes, big endian, floating point, in a long frame.
+# Lambda where it is awkward: big endian in a protected message, floating point.
 AWKWARD = """
 VERSION ""
 NS_ :
 BS_:
 BU_: E
-BO_ 256 Signed: 8 E
- SG_ Lam : 13|11@1- (0.001,1) [0|2] "" E
- SG_ Rest : 24|32@1+ (1,0) [0|0] "" E
- SG_ Sum : 56|8@1+ (1,0) [0|255] "" E
 BO_ 257 Motorola: 6 E
  SG_ Lam : 5|14@0+ (0.0002,0) [0|3] "" E
  SG_ Sum : 47|8@0+ (1,0) [0|255] "" E
  SG_ Count : 27|4@0+ (1,0) [0|15] "" E
 BO_ 2147484162 Real: 8 E
  SG_ Lam : 16|32@1- (1,0) [0|0] "" E
-BO_ 259 Long: 64 E
- SG_ Lam : 402|12@1+ (-0.0005,2) [0|2] "" E
 SIG_VALTYPE_ 2147484162 Lam : 1;
 """
 PROTECTION = {
-    "Signed": 'checksum = "Sum"\nalgorithm = "crc8_sae_j1850"\nnot_available = "all_ones"',
-    "Motorola": 'checksum = "Sum"\ncounter = "Count"\nnot_available = "all_ones"',
+    "Motorola": 'checksum = "Sum"\nalgorithm = "crc8_sae_j1850"\ncounter = "Count"\n'
+    'not_available = "all_ones"',
     "Real": "",
-    "Long": "",
 }
 
 

@@ -167,10 +167,8 @@ def lambda_signal(name: str) -> str:
 
 
 OTHER_SENSORS = """
-    Lambda_B1S2 Lambda_B2S1 Lambda2 Lam2 O2S12_Lambda HO2S21_Lambda O2_S2_Lambda LambdaBank2
-    LambdaSensor2 LambdaDownstream Lambda_post_cat LambdaPostCat LambdaNachKat LambdaHinterKat
-    lamhk Lambda_hk Lambda_nk RearLambda LambdaRear LambdaBinary LambdaRight Lambda_links
-    LambdaKat Lambda_sec LSF_Lambda Wideband2 AFR_2 lamsoni2_w LambdaSonde2
+    Lambda_B1S2 O2S12_Lambda HO2S21_Lambda O2_S2_Lambda Lambda_post_cat lamhk LambdaBinary
+    Lambda_sec LSF_Lambda lamsoni2_w LambdaSonde2
 """
 
 

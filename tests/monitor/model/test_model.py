@@ -256,12 +256,6 @@ def test_update_card_refuses_a_card_that_does_not_fit_and_keeps_the_file(path: P
     assert path.read_bytes() == before
 
 
-def test_the_same_network_gives_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a.onnx", "b.onnx"):
-        write(tmp_path / name, build(network()), card(network()))
-    assert (tmp_path / "a.onnx").read_bytes() == (tmp_path / "b.onnx").read_bytes()
-
-
 def test_the_prediction_is_named_after_the_output_and_older_names_are_read(tmp_path: Path) -> None:
     # GIVEN a model of another output, as it is written and as it was
     net = network(transform="none")
