@@ -10,11 +10,8 @@ import pytest
 import training
 from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
-from monitor.model.step import Model
-from monitor.pipeline.replay import shipped_model
 from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
-from training.healthy import new_model
 from training.recordings.ecu_table import Axis, EcuTable
 from training.recordings.files.table_files import write_table
 
@@ -37,9 +34,11 @@ def drive_of(seed: int, n: int = 2100) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a model of three drives."""
     out = tmp_path_factory.mktemp("api") / "level.onnx"
     drives = [drive_of(1), pl.DataFrame(drive_of(2)), drive_of(3)]
     fitted = fit(drives, out, inputs=INPUTS, **QUICK)
+    assert not any("one recording" in each for each in fitted.warnings)
     told = fitted.to_dict()
     assert told["inputs"] == list(INPUTS)
     assert told["fit"]["test"]["correlation"] > 0.9
@@ -119,17 +118,3 @@ def test_public_names_are_there() -> None:
         assert getattr(training, name).__doc__
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = training.nothing
-
-
-@pytest.mark.parametrize(("drives", "warns"), [(1, True), (2, False)])
-def test_a_fit_to_one_drive_says_what_it_cannot_know(
-    drives: int, warns: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(new_model, "set_limits", lambda *_: None)
-    # WHEN they come from one drive THEN the fit warns, and from several it does not
-    recordings, model = (
-        load_recordings([drive_of(i) for i in range(drives)]),
-        Model.load(shipped_model()),
-    )
-    said = new_model._set_limits(Path("model.onnx"), [(model, recordings)], "")
-    assert [("one recording" in each) for each in said] == [True] * warns

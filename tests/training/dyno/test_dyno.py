@@ -8,19 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import welch
 
 from monitor.base import faults
 from monitor.base.errors import UsageError
 from monitor.base.signals import OWN
-from monitor.base.types import FloatArray, Quality
+from monitor.base.types import Quality
 from monitor.frames.logs import read_frames
 from tests.conftest import ROOT
-from tests.helpers.drives.simulated_drives import SHORT, differs, driven, rms, to_grid
+from tests.helpers.drives.simulated_drives import SHORT, differs, driven, rms
 from tests.helpers.logs.decoding import samples_of
 from training.cli.simulate import FORMATS
-from training.dyno import cycles, drive, ecu, effects, mixture, vehicle
-from training.dyno.effects import Effects
+from training.dyno import cycles, ecu, effects, vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 from training.recordings import recording
@@ -206,46 +204,3 @@ def test_on_overrun_fuel_is_cut_and_the_sensor_reads_air() -> None:
     assert np.nanmax(linear) < 2.1
     closed = signals["closed_loop"] > 0.5
     assert abs(np.nanmean(1.0 / signals["lambda_measured"][closed]) - 1.0) < 0.01
-
-
-# The disturbance line
-
-
-def cruise(seed: int, line: bool) -> tuple[FloatArray, FloatArray, float]:
-    """Power spectrum of measured phi at a constant 70 km/h, its frequencies, the line's."""
-    n = round((STEADY_S + SETTLE_S) / STEP_S)
-    speed = np.minimum(np.arange(n) * STEP_S, 70.0 / 3.6)
-    gear = np.select([speed < 0.3, speed < 4.0, speed < 7.0], [0, 1, 2], 5)
-    trace = cycles.SpeedTrace(speed, gear.astype(np.int64), np.zeros(n), np.zeros(n))
-    c = vehicle.conditions(seed)._replace(coolant_start_degc=85.0)
-    c = c if line else c._replace(line_phi=0.0)
-    air = drive.run(trace, vehicle.piece(1), c, Effects(), np.random.default_rng(seed))
-    fuel = mixture.run(
-        air,
-        vehicle.piece(1),
-        c=c,
-        e=Effects(),
-        fault=None,
-        start_s=0.0,
-        rng=np.random.default_rng(seed),
-        phi_step=np.zeros(n),
-    )
-    on = slice(round(SETTLE_S / STEP_S), None)
-    assert fuel.closed_loop[on].all()
-    hz, power = welch(to_grid(1.0 / fuel.lambda_measured[on]), 10.0, nperseg=400)
-    return np.asarray(hz), np.asarray(power), c.line_hz
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_disturbance_line_stands_out_at_2_4_to_2_5_hz(seed: int) -> None:
-    hz, power, line_hz = cruise(seed, line=True)
-    band = (hz >= 2.4) & (hz <= 2.5)
-    near = (hz >= 2.2) & (hz <= 2.7) & ~((hz > 2.36) & (hz < 2.54))
-    assert 2.4 <= line_hz <= 2.5
-    peak_hz = float(hz[band | near][np.argmax(power[band | near])])
-    assert peak_hz == pytest.approx(line_hz, abs=hz[1])
-    assert power[band].max() > 5.0 * np.median(power[near])
-    assert power[band].max() > 2.0 * power[near].max()
-    # and without the disturbance there is none
-    _, power, _ = cruise(seed, line=False)
-    assert power[band].max() < 3.0 * np.median(power[near])

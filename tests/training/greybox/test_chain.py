@@ -22,10 +22,6 @@ def path(phi: FloatArray, rpm: float = 1500.0, **constants: float) -> Path:
     return base_path(Constants(**constants), signals(phi, rpm))
 
 
-def ramp(n: int = 80) -> FloatArray:
-    return np.asarray(1.0 + 0.002 * np.arange(n))
-
-
 def test_a_steady_mixture_is_read_with_gain_and_span() -> None:
     phi = simulate(path(np.full(30, 1.02), gain=1.01, span=0.9), PERIOD_S)
     assert np.allclose(phi, 1.0 + 0.9 * (1.01 * 1.02 - 1.0), atol=1e-12)
@@ -40,20 +36,20 @@ def test_fuel_cut_reads_zero_and_what_follows_is_late() -> None:
     assert read[70] > 0.99
 
 
-@pytest.mark.parametrize("period_s", [0.01, 0.1])
-def test_a_ramp_is_late_by_dead_time_and_both_lags_at_any_sample_period(period_s: float) -> None:
+@pytest.mark.parametrize(
+    ("period_s", "rpm"), [(0.01, 1500.0), (0.1, 1500.0), (0.1, 750.0), (0.1, 3000.0)]
+)
+def test_a_ramp_is_late_by_dead_time_and_both_lags_at_any_sample_period_and_speed(
+    period_s: float, rpm: float
+) -> None:
     # GIVEN a mixture that grows by 0.02 per second
     n = round(8.0 / period_s)
     phi = 1.0 + 0.02 * period_s * np.arange(n)
     constants = {"dead_time_s": 0.13, "dead_time_revolutions": 1.5, "mixing_s": 0.06}
-    read = simulate(path(phi, 1500.0, sensor_s=0.11, **constants), period_s)
-    # THEN the reading runs behind by 0.13 + 1.5 · 0.04 + 0.06 + 0.11 s
-    assert phi[-1] - read[-1] == pytest.approx(0.02 * (0.13 + 0.06 + 0.06 + 0.11), abs=1e-9)
-
-
-def test_dead_time_follows_engine_speed() -> None:
-    behind = [ramp()[-1] - simulate(path(ramp(), rpm), PERIOD_S)[-1] for rpm in (750.0, 3000.0)]
-    assert behind[0] - behind[1] == pytest.approx(0.02 * 1.5 * (60 / 750 - 60 / 3000), abs=1e-9)
+    read = simulate(path(phi, rpm, sensor_s=0.11, **constants), period_s)
+    # THEN the reading runs behind by the dead time, 1.5 revolutions of it, and both lags
+    late_s = 0.13 + 1.5 * 60.0 / rpm + 0.06 + 0.11
+    assert phi[-1] - read[-1] == pytest.approx(0.02 * late_s, abs=1e-9)
 
 
 def test_a_fraction_of_a_sample_of_dead_time_is_interpolated() -> None:
@@ -110,7 +106,7 @@ def test_the_chain_forgets_its_start_within_fifty_samples() -> None:
 
 
 def test_without_a_charge_signal_air_meter_and_engine_speed_give_it() -> None:
-    given = signals(ramp())
+    given = signals(1.0 + 0.002 * np.arange(80))
     metered = {name: x for name, x in given.items() if name != "air_mass_mg"}
     metered["maf_kg_h"] = 300.0 * 1e-6 * 3600.0 * 2.0 * given["engine_speed_rpm"] / 60.0
     assert np.allclose(

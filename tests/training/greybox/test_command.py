@@ -56,8 +56,6 @@ def test_fit_writes_limits_and_a_report(model: Path) -> None:
     [
         (["--lags", "3"], "--lags: a grey-box model"),
         (["--hidden", "4", "--lag-zero"], "--lag-zero, --hidden"),
-        (["--inputs", "maf_kg_h", "engine_speed_rpm"], "needs fuel_mass_mg"),
-        (["--output", "engine_torque_nm"], "predicts lambda_measured"),
     ],
 )
 def test_options_of_a_network_are_refused(

@@ -1,11 +1,19 @@
-"""The chain's constants, fitted from the reading."""
+"""The chain's constants and its charge, fitted from the reading.
+
+The charge is a map, or the broadcast one with its error.
+"""
 
 import numpy as np
 import pytest
 
+from benchmarks.studies.workflow.drive import recording
+from benchmarks.studies.workflow.plan import Part
 from monitor.base.errors import RecordingError
-from tests.helpers.models.chain_readings import TRUE, read_drive, synthetic
+from tests.helpers.models.chain_readings import PERIOD_S, TRUE, read_drive, steps, synthetic
+from training.greybox.chain import base_path, simulate
+from training.greybox.charge import ChargeError, ChargeMap, fit_with_error, fit_with_map
 from training.greybox.fit.constants import Fitted, fit_constants, reference
+from training.greybox.fit.drive import from_recording, joined
 
 
 def fitted_synthetic(seed: int) -> Fitted:
@@ -46,3 +54,80 @@ def test_a_reading_on_every_second_sample_is_refused_with_what_is_wanted() -> No
     # WHEN the chain, whose noise has a memory of two samples, is fitted
     with pytest.raises(RecordingError, match=r"^0 samples enabled .* on every sample of the grid"):
         fit_constants(read_drive(signals, phi, scored))
+
+
+def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:
+    # GIVEN a chain whose charge is wrong by speed and charge, which its ECU learns in four seconds
+    n, rng = 20_000, np.random.default_rng(12)
+    hold = steps(rng, n, 60)
+    signals = {
+        "air_mass_mg": rng.uniform(100.0, 600.0, n)[hold],
+        "engine_speed_rpm": rng.uniform(800.0, 4000.0, n)[hold],
+    }
+    speeds, charges = np.linspace(700.0, 4100.0, 4), np.linspace(80.0, 620.0, 4)
+    wrong = 0.02 * np.arange(4)[:, None] - 0.01 * np.arange(4)
+    true = ChargeError(speeds, charges, wrong, -wrong, 4.0)
+    air = true.air_mass_mg(signals, PERIOD_S)
+    signals["fuel_mass_mg"] = air / 14.7 * (1.0 + 0.03 * rng.choice([-1.0, 1.0], n))[hold]
+    phi = simulate(base_path(TRUE, signals | {"air_mass_mg": air}), PERIOD_S)
+    phi += 0.002 * rng.standard_normal(n)
+    # WHEN error and constants are fitted
+    fitted, found = fit_with_error(read_drive(signals, phi))
+    # THEN the charge is right, on the whole up to the gain
+    assert found is not None
+    assert found.time_s == 4.0
+    off = found.air_mass_mg(signals, PERIOD_S) / air / fitted.constants.gain * TRUE.gain - 1.0
+    assert np.abs(signals["air_mass_mg"] / air - 1.0).max() > 0.05
+    assert np.quantile(np.abs(off), 0.99) < 0.01
+    assert np.abs(np.array(fitted.constants) - TRUE)[1:].max() < 0.03
+
+
+def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted() -> None:
+    # GIVEN three drives of a simulated vehicle that hardly come near a full charge at idle speed
+    starts_s = {"hwfet": 39.0, "micro_trips": 337.0, "wltc_3b": 0.0, "udds": 243.0, "us06": 0.0}
+    parts = [Part(k, 22_013_000 + i, at_s, None) for i, (k, at_s) in enumerate(starts_s.items())]
+    made = [from_recording(recording(part, 10013, 600.0, {}, None)) for part in parts]
+    # WHEN error and constants are fitted to them
+    fitted, found = fit_with_error(joined(made[:3]))
+    # THEN it helps on drives that go anywhere
+    assert found is not None
+    for each in made[3:]:
+        right = {"air_mass_mg": found.air_mass_mg(each.signals, PERIOD_S)}
+        broadcast, corrected = (
+            simulate(base_path(fitted.constants, signals), PERIOD_S) - each.phi_measured
+            for signals in (each.signals, dict(each.signals) | right)
+        )
+        assert corrected[each.scored].std() < 0.8 * broadcast[each.scored].std()
+
+
+def test_a_charge_that_is_right_has_no_error_worth_a_map() -> None:
+    signals, phi = synthetic(4)
+    _, found = fit_with_error(read_drive(signals, phi))
+    right = signals["air_mass_mg"]
+    made = right if found is None else found.air_mass_mg(signals, PERIOD_S)
+    assert np.abs(made / right - 1.0).max() < 0.01
+
+
+def test_a_charge_map_is_found_from_the_reading_alone() -> None:
+    # GIVEN a chain whose efficiency falls with speed and rises with pressure
+    n, rng = 8000, np.random.default_rng(11)
+    hold = steps(rng, n, 25)
+    signals = {
+        "manifold_pressure_kpa": rng.uniform(20.0, 150.0, n)[hold],
+        "manifold_temperature_degc": rng.uniform(10.0, 60.0, n)[hold],
+        "engine_speed_rpm": rng.uniform(800.0, 4000.0, n)[hold],
+    }
+    speeds, pressures = np.linspace(700.0, 4100.0, 4), np.linspace(15.0, 160.0, 4)
+    true = ChargeMap(speeds, pressures, 1.2 + 0.05 * np.arange(4)[:, None] - 0.03 * np.arange(4))
+    air = true.air_mass_mg(signals)
+    signals["fuel_mass_mg"] = air / 14.7 * (1.0 + 0.03 * rng.choice([-1.0, 1.0], n))[hold]
+    constants = TRUE._replace(gain=1.0)
+    phi = simulate(base_path(constants, signals | {"air_mass_mg": air}), PERIOD_S)
+    phi += 0.002 * rng.standard_normal(n)
+    # WHEN map and constants are fitted
+    fitted, found = fit_with_map(read_drive(signals, phi))
+    # THEN both are right
+    off = np.abs(found.air_mass_mg(signals) / air - 1.0)
+    assert np.median(off) < 0.001
+    assert np.quantile(off, 0.99) < 0.01  # corners are hardly driven
+    assert np.abs(np.array(fitted.constants) - constants).max() < 0.02

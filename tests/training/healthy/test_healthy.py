@@ -1,4 +1,4 @@
-"""What healthy drives teach of the broadcast charge, on simulated drives."""
+"""What healthy drives teach of the broadcast charge, and their errors beside an effect."""
 
 import json
 from dataclasses import replace
@@ -12,10 +12,12 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap import gap_simulated
 from tests.helpers.gap.gap_simulated import known, simulated
 from training.greybox.chain import Constants
+from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive, phi_of
 from training.healthy import behaviour, card
 from training.healthy.behaviour import Healthy
 from training.healthy.card import KEY, from_card, to_card
+from training.healthy.without import LIMITS, corrections
 
 
 def _rmse(driven: ChainDrive, taught: Healthy) -> float:
@@ -91,13 +93,25 @@ def test_what_is_kept_for_later_runs_has_every_digit(tmp_path: Path) -> None:
     assert card.kept(path, lambda: learned) is learned
     # WHEN a later run wants it THEN it is read, the same to the last digit
     again = card.kept(path, lambda: pytest.fail("learned again"))
-    for name in ("base", "plain", "names", "surplus", "rmse_usual"):
-        assert getattr(again, name) == getattr(learned, name), name
-    for name in ("weights", "low", "high"):
-        assert np.array_equal(getattr(again.ridge, name), getattr(learned.ridge, name)), name
-    assert np.array_equal(again.spread, learned.spread)
-    assert [each.parameters for each in again.own] == [each.parameters for each in learned.own]
-    assert np.array_equal(again.visited.cells, learned.visited.cells)
+    stored, read = (to_card(each, (), digits=card.EXACT) for each in (learned, again))
+    assert read == stored
     # AND a damaged file is as none
     path.write_text(path.read_text()[:-100])
     assert card.kept(path, lambda: learned) is learned
+
+
+def test_an_effect_on_the_mixture_is_taken_out_of_fuel_and_controller() -> None:
+    # GIVEN an effect that makes the mixture richer by 5 % wherever the engine runs
+    richer = ModelEffect.with_values("empirical:engine_speed_rpm:factor:2000:1000", [5.0, 0.0])
+    drive = known().known_of(simulated("hwfet", 2_020_019))
+    # WHEN the healthy errors are asked for without it
+    (read,) = corrections(known(), [drive], (richer,))
+    # THEN they are those of a drive with 5 % more fuel, and a controller that asks for it
+    share = np.where(drive.signals["fuel_mass_mg"] > LIMITS.controller_fuel_min_mg, 1.05, 1.0)
+    moved = {n: share * drive.signals[n] for n in ("fuel_mass_mg", "lambda_controller")}
+    like = replace(drive, signals={**drive.signals, **moved})
+    np.testing.assert_allclose(read, known().correction(like), atol=1e-9)
+    assert not np.allclose(read, known().correction(drive), atol=1e-4)
+    # AND without any effect they are the drive's own
+    (same,) = corrections(known(), [drive], ())
+    np.testing.assert_allclose(same, known().correction(drive))

@@ -12,7 +12,7 @@ from tests.helpers.drives.recordings import recording_of
 from tests.training.narx.test_folds import prepared
 from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
-from training.narx.network import Spec, forward, initial_weights, regressors, simulate
+from training.narx.network import Spec, forward, initial_weights, simulate
 from training.narx.search.stages import HORIZONS, Trained, blocks_of, train
 from training.recordings.recording import Recording
 from training.recordings.samples.outliers import outlier_mask
@@ -27,27 +27,9 @@ def recording(
     return recording_of({f"u{i}": x for i, x in enumerate(u.T)} | {"y": y} | more, name)
 
 
-@pytest.mark.parametrize("hidden", [(4,), (8, 8), (3, 5, 4)])
-def test_the_open_loop_jacobian_is_that_of_torch(hidden: tuple[int, ...]) -> None:
-    import torch  # takes seconds, which a worker without this test need not spend
-
-    spec, rng = Spec(2, lags=3, hidden=hidden), RNG(1)
-    weights, u, y = initial_weights(spec, rng), rng.normal(size=(9, 2)), rng.normal(size=9)
-    x, samples = regressors(spec, u, y), Samples(u, y, np.ones(9))
-    objective = one_step(spec, samples, np.arange(3, 9), np.float64)
-    J, error = next(objective.blocks(weights))
-    assert np.allclose(error, forward(spec, weights, x) - y[3:], atol=1e-13)
-    for i in range(len(x)):
-        w = torch.tensor(weights, requires_grad=True)
-        output = forward(spec, w, torch.tensor(x[i : i + 1]), torch.tanh)[0]
-        (gradient,) = torch.autograd.grad(output, w)
-        assert abs(float(output.detach()) - y[3 + i] - error[i]) < 1e-12
-        assert np.allclose(gradient.numpy(), J[i], atol=1e-12)
-
-
 @pytest.mark.parametrize("first_lag", [0, 1])
 def test_closed_loop_sensitivities_are_those_of_torch_through_time(first_lag: int) -> None:
-    import torch
+    import torch  # takes seconds, which a worker without this test need not spend
 
     # GIVEN two pieces, one with unscored samples, and feedback that is clipped now and then
     spec = Spec(2, lags=3, hidden=(4, 3), input_lag_start=first_lag, y_min=-0.4, y_max=0.5)

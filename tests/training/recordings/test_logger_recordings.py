@@ -22,15 +22,11 @@ def recording(names: tuple[str, ...], n: int = 50) -> Recording:
     return recording_of(dict(zip(names, values.T, strict=True)))
 
 
-def cobb(path: Path, seed: int = 0, n: int = 900, step_s: float = 0.1) -> Path:
-    """Write a log whose lambda follows its load late: lean after tip-in, rich after tip-out."""
-    d = drive(n, step_s, seed)
-    rng = np.random.default_rng(seed)
-    load = np.repeat(rng.uniform(0.1, 0.9, n // 10 + 1), 10)[:n]
-    change = np.diff(load, prepend=load[0])
-    lean = np.convolve(change, 0.9 ** np.arange(30))[:n]
-    afr = 14.7 * (1.0 + 0.3 * np.roll(lean, 3)) + 0.03 * rng.standard_normal(n)
-    columns = [d["t_s"], 1500 + 2000 * load, afr, -11 + 9 * load, 5 + 60 * load]
+def cobb(path: Path, step_s: float) -> Path:
+    """Write a log of a tuner's logger."""
+    d = drive(900, step_s)
+    load = d["map_kpa"] / 100.0
+    columns = [d["t_s"], d["rpm"], d["afr"], -11.0 + 9.0 * load, 60.0 * load]
     return write_text_table(path, dict(zip(COBB, columns, strict=True)))
 
 

@@ -51,7 +51,7 @@ def ripple(n: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
 
 
 @pytest.mark.parametrize("linear_path", [False, True])
-@pytest.mark.parametrize("hidden", [(4,), (5, 3)])
+@pytest.mark.parametrize("hidden", [(4,), (5, 3), (3, 5, 4)])
 def test_the_gradient_of_torch_is_that_of_the_normal_equations(
     hidden: tuple[int, ...], linear_path: bool
 ) -> None:

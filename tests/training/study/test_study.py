@@ -314,11 +314,3 @@ def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:
     assert found["windows"] == 120 // WINDOW + (len(rows) - 121) // WINDOW
     assert found["beyond"] == {"mean": 1.0, "std": 0.0, "both": 0.0}
     assert found["mean"] == pytest.approx(0.3)
-
-
-def test_a_file_in_the_place_of_the_folder_is_a_clear_error(
-    drives: dict[str, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    args = ["study", str(drives["morning"]), *SIGNALS, "--out", str(drives["test"])]
-    assert main(args) == 2
-    assert "is a file, a folder is wanted" in capsys.readouterr().err

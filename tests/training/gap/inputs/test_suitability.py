@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -38,12 +38,6 @@ def recording(seed: int, without: Sequence[str] = (), period_s: float = 0.1) -> 
 
 
 CARD = Model.load(shipped_model()).card
-
-
-def test_a_recording_given_twice_is_refused() -> None:
-    given = {"RECORDING": [recording(1), recording(2), recording(1)], "--healthy": ()}
-    with pytest.raises(UsageError, match=r"drive_1\.csv: the same as"):
-        suitability.check_files(given | {"--verify": ()}, CARD, "m.onnx")
 
 
 def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_others() -> None:

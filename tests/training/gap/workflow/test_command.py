@@ -138,15 +138,6 @@ def test_a_hidden_effect_is_named_added_and_written_by_the_contract(named: Stopp
     assert found["model"] == str(named.out / "model.onnx")
 
 
-def test_the_report_shows_the_name_the_model_and_that_all_is_simulated(named: Stopped) -> None:
-    page = (named.out / "report.html").read_text()
-    assert page.index("Named: wall_film") < page.index("What now")
-    assert str(named.out / "model.onnx") in page
-    assert "simulated" in page
-    assert "The mean error over what it depends on most" in page
-    assert page.count('<figure class="plots">') >= 3
-
-
 def test_the_constants_come_from_all_recordings_and_each_is_judged_by_the_others(
     named: Stopped, film: list[Path]
 ) -> None:
