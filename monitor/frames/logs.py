@@ -77,12 +77,11 @@ def checked_kind(path: Path) -> str:
     """
     kind = log_kind(path, (*LOG_SUFFIXES, *_OTHER_SUFFIXES))
     try:
-        size = path.stat().st_size
-        with open_regular(path):
-            pass
+        with open_regular(path) as file:
+            is_empty = not file.read(1)
     except OSError as error:
         raise RecordingError(f"{path}: cannot read it: {error.strerror}") from error
-    if size == 0:
+    if is_empty:
         raise RecordingError(f"{path}: the log is empty")
     if kind == ".mf4" and not find_spec("asammdf"):
         raise RecordingError(

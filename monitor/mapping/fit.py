@@ -8,7 +8,7 @@ the signal a comment, or the column unused, until a person confirms it.
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import dropwhile, pairwise
 from math import inf
 from textwrap import shorten
 from typing import Any, Final
@@ -165,7 +165,7 @@ def _doubts(
     if rest[:1] == [first] and len(first) <= _PREFIX_LETTERS and first not in OTHER:
         is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not _BARE.issuperset(words[1:])
         if is_apart or first in of_message:  # an ECU's, which says nothing
-            rest = rest[1:]
+            rest = [*dropwhile(str.isdigit, rest[1:])]
     told = quantity.also.union(*(text.split("/") for text in _own_units(quantity, words)))
     yield from [f"its name says {word!r}, too" for word in rest if word not in told][:1]
     said = f"{d.name} {d.message} {' '.join(of_message)} / {' '.join(words)} / {d.unit}".lower()
@@ -291,11 +291,8 @@ def _by_range(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quanti
     if d.stated != d.carried and max(stated) > MOST_ABOVE * plausible_range(quantity.name)[1]:
         fit = fit.doubted(f"its range reaches {plain(max(stated), 6)}: another unit?")
     if not stated[0] <= low < high <= stated[1]:
-        why = (
-            f"its range {plain(stated[0], 6)} to {plain(stated[1], 6)} does not hold {low:g} "
-            f"to {high:g}"
-        )
-        fit = fit.doubted(why)
+        span = f"{plain(stated[0], 6)} to {plain(stated[1], 6)}"
+        fit = fit.doubted(f"its range {span} does not hold {low:g} to {high:g}")
     of_signed_type = np.isclose(sum(d.stated), -d.step)
     if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0 and not of_signed_type:
         fit = fit.doubted(f"its range begins at {plain(stated[0], 6)} kPa: a gauge pressure?")

@@ -122,8 +122,10 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
     """
     own = replace(source, column=column.name)
     converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
+    if not is_of_quantity(name, source, column, STOICHIOMETRIC):
+        return None
     if name not in QUANTITIES or converts:
-        return own if is_of_quantity(name, source, column, STOICHIOMETRIC) else None
+        return own
     unit = stated_unit(column, STOICHIOMETRIC) or (own.units[0] if len(own.units) == 1 else "")
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
     if not fit or fit.doubt:

@@ -41,12 +41,12 @@ _COMPOUND: Final = re.compile(
     rf"|(?={_LETTER}{{{_FULL}}})(?:{_STEM.pattern}){_LETTER}{{0,{_FULL}}}"
 )
 _SPELLINGS: Final = str.maketrans(
-    dict(zip("äöüßÄÖÜłŁ", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue", "l", "L"), strict=True))
+    dict(zip("äöüßÄÖÜłŁı", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue", "l", "L", "i"), strict=True))
     | {"λ": " lambda ", "φ": " phi "}
 )
 _UPPER, _LOWER = "[A-ZА-Я]", r"[^\W\d_A-ZА-Я]"  # of any script
 _PART: Final = re.compile(
-    rf"(?:h|wb)?o2s?\d{{0,2}}(?![a-z])|{_UPPER}+(?={_UPPER}{_LOWER})"
+    rf"(?:(?:h|wb)?o2s?\d{{0,2}}|[khM]Pa|inHg|mmHg|mBar)(?![a-z])|{_UPPER}+(?={_UPPER}{_LOWER})"
     rf"|{_UPPER}?{_LOWER}+\d*|{_UPPER}+\d*|\d+"
 )
 
@@ -60,8 +60,8 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("O2SensorB1S1")
     ('o2', 'sensor', 'b1', 's1')
     """
-    # J1939's speed over ground; OBD's number of a value; an article
-    text = re.sub(r"(?i)wheel_?based|(?<![a-z])(?:pid_?[0-9a-f]{1,2}_|[dl]['’])", "", name)
+    # J1939's speed over ground; OBD's number of a value; an article; a device behind its signal
+    text = re.sub(r"(?i)wheel_?based|(?<![a-z])(?:pid_?[0-9a-f]{1,2}_|[dl]['’])|\\.*", "", name)
     text = re.sub(r"(?i)\ba/f\b|air[ _/-]?fuel", " afr ", text)
     text = unicodedata.normalize("NFKD", text.translate(_SPELLINGS))
     text = "".join(letter for letter in text if not unicodedata.combining(letter))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.frames import swar
 from monitor.frames.blf import structure
-from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters, chosen
+from monitor.frames.blocks import EXTENDED, LATEST_S, CutShortError, LogCounters, chosen
 from monitor.frames.bounds import BoundError, Inflation
 from monitor.frames.channels import Channels
 
@@ -240,30 +240,23 @@ def _times_s(objects: Objects, start_s: float) -> FloatArray:
 def _contents(objects: Objects) -> Contents:
     words, body = objects.words, objects.body
     head = words.take(body)  # 16 bits of channel, 8 of flags, 8 of length
-    key = words.take(body + 1)
-    is_extended = key >> np.uint32(31)
-    key &= np.uint32(0x1FFFFFFF)
-    key |= is_extended << np.uint32(31)
+    key = words.take(body + 1) & np.uint32(EXTENDED | 0x1FFFFFFF)
     is_remote = (head & (_REMOTE << 16)) != 0
     announced = np.minimum(head >> 24, 8).astype(np.int64)  # codes above 8 mean 8, ISO 11898-1
     length = announced.copy()
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
     data |= words.take(body + 2)
     data &= _DATA.take(length)
-    is_outside = np.zeros(len(key), dtype=np.bool_)
-    read = data.view(np.uint8).reshape(-1, 8)
     contents = Contents(
         key=key,
         is_remote=is_remote,
         announced=announced,
         length=length,
-        is_outside=is_outside,
-        data=read,
+        is_outside=np.zeros(len(key), dtype=np.bool_),
+        data=data.view(np.uint8).reshape(-1, 8),
         channel=(head & 0xFFFF).astype(np.int64),
     )
-    if (objects.kind >= _FD).any():
-        return _with_fd(objects, contents)
-    return contents
+    return _with_fd(objects, contents) if (objects.kind >= _FD).any() else contents
 
 
 def _with_fd(objects: Objects, contents: Contents) -> Contents:

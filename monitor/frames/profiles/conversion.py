@@ -10,6 +10,7 @@ import numpy as np
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.profile import Profile, Source
+from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import RawColumn, RawTable
 from monitor.frames.units import Unit, conversion, unit_of
@@ -77,14 +78,15 @@ def _fits(profile: Profile, choice: Choice, cells: FloatArray, place: int) -> bo
     return low <= middle <= high
 
 
-def stated_texts(column: RawColumn) -> tuple[str, str]:
-    """Return the places in which a file states a column's unit, "" where it does not."""
-    return column.unit, name_and_unit(column.name)[1]
+def stated_texts(column: RawColumn) -> tuple[str, ...]:
+    """Return the texts with which a file states a column's unit."""
+    texts = column.unit, name_and_unit(column.name)[1]
+    return tuple(text for text in texts if text not in ("", "-"))
 
 
 def stated_unit(column: RawColumn, stoich_afr: float) -> str:
     """Return the unit that a file states; of others in brackets, those that look like one."""
-    texts = [text for text in stated_texts(column) if text not in ("", "-")]
+    texts = stated_texts(column)
     known = [text for text in texts if unit_of(text, stoich_afr)]
     odd = [
         text
@@ -97,15 +99,17 @@ def stated_unit(column: RawColumn, stoich_afr: float) -> str:
 def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: float) -> bool:
     """Return whether a column may carry a signal: no unit that it states is of another quantity.
 
-    A unit that is not known counts as another one.
+    A unit that is not known counts as another one, and so does any text behind a name that is
+    known without it.
     """
     target = target_of(name, stoich_afr)
     if source.is_flag or target is None or source.factor != 1.0:  # the profile converts
         return True
-    units = [unit_of(text, stoich_afr) for text in stated_texts(column) if text not in ("", "-")]
+    units = [unit_of(text, stoich_afr) for text in stated_texts(column)]
     if any(units):
         return any(unit is not None and unit.quantity == target.quantity for unit in units)
-    return not stated_unit(column, stoich_afr)
+    whole, bare = keys_of(column.name)
+    return not (stated_unit(column, stoich_afr) or bare == key(source.column) != whole)
 
 
 def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
@@ -117,8 +121,8 @@ def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
 def converted(profile: Profile, choice: Choice, column: RawColumn, cells: FloatArray) -> FloatArray:
     """Return the values in the signal's unit."""
     target = target_of(choice.name, profile.stoich_afr)
-    for text in (*stated_texts(column), *choice.source.units) if target else ():
+    for text in (*stated_texts(column), *choice.source.units):
         unit = unit_of(text, profile.stoich_afr)
-        if target and unit and unit.quantity == target.quantity and text != "-":
+        if target and unit and unit.quantity == target.quantity:
             return scaled(cells, unit, target)
     return cells

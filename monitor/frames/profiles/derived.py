@@ -46,16 +46,14 @@ def _no_fuel(s: Signals, engine: ProfileEngine) -> FloatArray:
 
     A pulse width above 0 says that fuel comes, whatever the pressure.
     """
-    turns = s["engine_speed_rpm"] > SPEED_LEAST_RPM
-    cut, known = np.zeros(len(turns), dtype=bool), np.zeros(len(turns), dtype=bool)
     if _PULSE in s:
-        cut |= turns & (s[_PULSE] <= 0.0)
-        known |= np.isfinite(s[_PULSE])
+        told, cut = s[_PULSE], (s[_RPM] > SPEED_LEAST_RPM) & (s[_PULSE] <= 0.0)
     elif _PRESSURE in s and engine.overrun_below_kpa > 0.0:
-        fast = s["engine_speed_rpm"] > engine.overrun_above_rpm
-        cut |= fast & (s[_PRESSURE] < engine.overrun_below_kpa)
-        known |= np.isfinite(s[_PRESSURE])
-    return np.where(known, cut.astype(np.float64), np.nan)
+        told, is_fast = s[_PRESSURE], s[_RPM] > engine.overrun_above_rpm
+        cut = is_fast & (told < engine.overrun_below_kpa)
+    else:
+        return np.full(len(s[_RPM]), np.nan)
+    return np.where(np.isfinite(told), cut, np.nan)
 
 
 def _air_of_meter(s: Signals, engine: ProfileEngine) -> FloatArray:

@@ -99,12 +99,12 @@ def _best(
     profiles: Iterable[Profile], there: Mapping[str, list[int]], preamble: str
 ) -> Profile | None:
     """Return the profile that names most of the table, None if none fits."""
-    best: tuple[int, Profile] | None = None
-    for profile in profiles:
-        score = max((_score(each, there, preamble) for each in profile.recognise), default=0)
-        if score and (best is None or score > best[0]):
-            best = score, profile
-    return best[1] if best else None
+
+    def score(profile: Profile) -> int:
+        return max((_score(each, there, preamble) for each in profile.recognise), default=0)
+
+    best = max(profiles, key=score, default=None)
+    return best if best and score(best) else None
 
 
 def _score(wanted: Recognition, there: Mapping[str, list[int]], preamble: str) -> int:

@@ -19,7 +19,7 @@ from monitor.frames.profiles.conversion import (
 from monitor.frames.profiles.derived import derive
 from monitor.frames.profiles.profile import Profile, Source, shipped, shipped_profile
 from monitor.frames.profiles.recognition import key, places
-from monitor.frames.profiles.times import cleaned, held, in_seconds, steps_in_counts
+from monitor.frames.profiles.times import cleaned, held, in_seconds
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Table, Wanted
 from monitor.frames.tables.readers import reason
 from monitor.frames.units import Unit, unit_of
@@ -117,7 +117,7 @@ def _choices(
                 if is_of_quantity(name, source, column, profile.stoich_afr):
                     choices.append(Choice(name, source, place))
                     continue
-                unit = " ".join(filter(None, stated_texts(column)))
+                unit = " ".join(stated_texts(column))
                 odd.setdefault(name, f"column {column.name}: its unit {unit} is none of {name}")
     named = {each.name for each in choices}
     notes.sentences += [told for name, told in odd.items() if name not in named]
@@ -199,16 +199,17 @@ def _time(
             return values * unit.factor, 0.0
         if each.source.factor != 1.0:
             return values * each.source.factor, 0.0
-        if counts := steps_in_counts(values):
+        values_s, per_s = in_seconds(values, are_counts=any(stated_texts(column)))
+        if not per_s:
+            step = np.median(np.diff(values[np.isfinite(values)]))
             raise RecordingError(
                 f"{raw.path}: the times of column {column.name} have no unit and go up by "
-                f'{counts:g}: in a profile say time = {{ column = "{column.name}", unit = "ms" }}, '
+                f'{step:g}: in a profile say time = {{ column = "{column.name}", unit = "ms" }}, '
                 'or unit = "s", or factor = the seconds of one count'
             )
-        values, per_s = in_seconds(values)
         if per_s != 1.0:
             notes.sentences.append(f"column {column.name}: no unit, taken for 1/{per_s:g} s")
-        return values, 0.0
+        return values_s, 0.0
     names = ", ".join(raw.columns[each.column].name for each in times)
     raise RecordingError(f"{raw.path}: no number in the column of time ({names})")
 
@@ -242,10 +243,8 @@ def _signal(
 
 def _flag(source: Source, cells: FloatArray) -> FloatArray:
     """Return 1 where the source's test holds, else 0; NaN where there is no value."""
-    if source.words or source.above is None:
-        holds = cells > 0.5 if source.words else np.isin(cells, source.equals)
-    else:
-        holds = cells > source.above
+    above = 0.5 if source.words else source.above
+    holds = np.isin(cells, source.equals) if above is None else cells > above
     if source.bit is not None:
         whole = np.where(np.isfinite(cells), cells, 0.0).astype(np.int64)
         holds = (whole >> source.bit) & 1 == 1

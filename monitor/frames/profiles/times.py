@@ -18,7 +18,7 @@ HELD_S: Final = 0.5  # for which a value is held over blank cells, or three of i
 READING_HELD_S: Final = 5.0  # at most, of the sensor's reading: one that stands for 10 s is stuck
 TICKS: Final = (1e17, 1e18)  # of 100 ns, since 1601 or the year 1
 TICKS_PER_S: Final = 1e7
-DAYS: Final = (2e4, 6e4)  # since 1900
+DAYS: Final = ((2e4, 6e4), (7.2e5, 7.9e5))  # since 1900, since the year 0
 SHORTEST_STEP_S: Final = 1e-4  # of a logger's rows
 LONGEST_STEP_S: Final = 60.0
 COUNTS: Final = 2.0  # whole steps from here on may be seconds, ms or counts
@@ -88,53 +88,50 @@ def spread(t_s: FloatArray, notes: Notes) -> FloatArray:
     return spread_s
 
 
-def steps_in_counts(times: FloatArray) -> float:
-    """Return the usual step of times that may be counts: whole, of no date, too slow for seconds.
+def per_second(times: FloatArray, *, are_counts: bool = False) -> float:
+    """Return how many units of time, which nobody states, make a second; 0 if nothing tells it.
 
-    Else 0: from LONGEST_STEP_S on they are ms.
-
-    >>> steps_in_counts(np.arange(9) * 5.0), steps_in_counts(np.arange(9) * 100.0)
-    (5.0, 0.0)
-    """
-    known = times[np.isfinite(times)]
-    steps = np.diff(known)
-    step = float(np.median(steps)) if len(steps) else 0.0
-    is_whole = bool((known == np.rint(known)).all() and np.median(known) < EPOCH_S)
-    return step if is_whole and COUNTS <= step <= LONGEST_STEP_S else 0.0
-
-
-def per_second(times: FloatArray) -> float:
-    """Return how many units of time, which nobody states, make a second.
-
+    are_counts : a text that is no unit stands where one is stated
     Since 1970 they are s, ms, µs or ns; since the year 1 or 1601 ticks of 100 ns; days in a table
-    calculation. Of a drive that took more than a day, or a row a minute, they are ms or µs. Most
-    times tell the unit, so that a damaged cell does not.
+    calculation. Of a drive that took more than a day, or a row a minute, they are ms or µs. Whole
+    steps of a few may be counts. Most times tell the unit, so that a damaged cell does not.
 
     >>> per_second(np.array([1.77e12, 1.77e12 + 100.0])), per_second(np.arange(9) * 100.0)
     (1000.0, 1000.0)
+    >>> per_second(np.arange(9) * 5.0), per_second(20261128063000.0 + np.arange(9))
+    (0.0, 0.0)
     """
     known = times[np.isfinite(times)]
     usual = float(np.median(np.abs(known))) if len(known) else 0.0
-    steps = np.abs(np.diff(known))
-    step = float(np.median(steps[steps > 0.0])) if steps.any() else 0.0
+    steps = np.diff(known)
     if TICKS[0] < usual < TICKS[1]:
         return TICKS_PER_S
-    if DAYS[0] < usual < DAYS[1] and step < SHORTEST_STEP_S:
+    if usual < EPOCH_S and (known == np.rint(known)).all() and len(steps):
+        least = 1.0 if are_counts else COUNTS
+        if least <= np.median(steps) <= LONGEST_STEP_S:
+            return 0.0
+    step = float(np.median(np.abs(steps[steps != 0.0]))) if steps.any() else 0.0
+    if step < SHORTEST_STEP_S and any(low < usual < high for low, high in DAYS):
         return 1 / DAY_S
     per_s = 1.0
     while usual > LATEST_S * per_s:
         per_s *= 1000.0
+    is_date = per_s > 1.0
     span = float(np.subtract(*np.percentile(known, [95, 5]))) if len(known) else 0.0
-    while usual < EPOCH_S * per_s and max(step / LONGEST_STEP_S, span / DAY_S) > per_s:
+    while step > DAY_S * per_s or (
+        usual < EPOCH_S * per_s and max(step / LONGEST_STEP_S, span / DAY_S) > per_s
+    ):
         per_s *= 1000.0
-    return per_s
+    is_told = SHORTEST_STEP_S <= step / per_s <= LONGEST_STEP_S or not step
+    return per_s if is_told and (not is_date or usual > EPOCH_S * per_s) else 0.0
 
 
-def in_seconds(times: FloatArray) -> tuple[FloatArray, float]:
-    """Return times, whose unit nobody states, in s, and how many of the unit make a second."""
+def in_seconds(times: FloatArray, *, are_counts: bool = False) -> tuple[FloatArray, float]:
+    """Return times, whose unit nobody states, in s, and what ``per_second`` says of them."""
     times = of_day(times)
-    per_s = per_second(times)
-    return (times - (np.nanmin(times) if per_s == TICKS_PER_S else 0.0)) / per_s, per_s
+    per_s = per_second(times, are_counts=are_counts)
+    first = np.nanmin(times)
+    return (times - first * (first > LATEST_S * per_s)) / (per_s or np.nan), per_s
 
 
 def of_day(times: FloatArray) -> FloatArray:

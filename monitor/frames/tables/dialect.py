@@ -33,7 +33,9 @@ _SAMPLE: Final = 20  # rows that tell what a column holds
 _COMMA: Final = re.compile(r"-?\d+,\d+(?:e[-+]?\d+)?", re.I)
 _POINT: Final = re.compile(r"-?\d+\.\d+")
 _PAIRS: Final = re.compile(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*[\xa1-\xf7]?")  # Chinese
-_IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[]([^()\[\]]*)[)\]]\s*")
+_JAPANESE: Final = re.compile(rb"(?:[\x82\x83][\x40-\xf1]){2}")  # syllables
+_RUSSIAN: Final = re.compile(rb"[\xc0-\xff]{4}")  # letters of Western languages stand alone
+_IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[{]([^()\[\]{}]*)[)\]}]\s*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +68,11 @@ def encoding_of(head: bytes) -> str:
     try:
         decoder.decode(head)
     except UnicodeDecodeError:
-        return "gb18030" if _PAIRS.fullmatch(head) else "cp1252"
+        if _PAIRS.fullmatch(head):
+            return "gb18030"
+        if _JAPANESE.search(head):
+            return "shift_jis"
+        return "cp1251" if _RUSSIAN.search(head) else "cp1252"
     return "utf-8"
 
 
@@ -79,7 +85,7 @@ def dialect_of(path: Path) -> Dialect:
     if not head.strip():
         raise RecordingError(f"{path}: the table is empty")
     encoding = encoding_of(head)
-    if encoding in ("utf-8", "cp1252") and b"\0" in head[:2000]:
+    if not encoding.startswith("utf-16") and b"\0" in head[:2000]:
         raise RecordingError(f"{path}: holds binary data, a log or table is wanted")
     lines = head.decode(encoding, errors="ignore").splitlines()
     if len(head) == HEAD_BYTES:
@@ -192,7 +198,7 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
     header = [[_one_line(cell) for cell in layout.rows[row]] for row in layout.header]
     units = _units_row(header)
     others = [row for row in header if row is not units]
-    has_unit = [unit_of(_bare(cell), 1.0) is not None for cell in units or []]
+    has_unit = [unit_of(cell, 1.0) is not None for cell in units or []]
     names = max(
         others,
         key=lambda row: (
@@ -226,9 +232,7 @@ def _units_row(header: Sequence[list[str]]) -> list[str] | None:
     """Return the row of units: the one behind the first with most of them, else the second."""
     if len(header) < 2:
         return None
-    known = [
-        sum(unit_of(_bare(cell), 1.0) is not None for cell in row if cell) for row in header[1:]
-    ]
+    known = [sum(unit_of(cell, 1.0) is not None for cell in row if cell) for row in header[1:]]
     best = max(range(len(known)), key=lambda row: (known[row], row))  # names may be units, too
     are_names = any(unit_of(name_and_unit(cell)[1], 1.0) for cell in header[1] if cell)
     return header[1 + best] if any(known) or (len(header) == 2 and not are_names) else None

@@ -149,7 +149,8 @@ def frame_of_line(line: str) -> Frame | None:
     if number & ERROR_FLAG or data[:1] in ("R", "r"):
         return None
     seconds = float(stamp[1:-1])
-    data = data[2:] if data[:1] == "#" else data  # CAN FD: ##, flag digit, data
+    # CAN FD: ##, flag digit, data; behind classic data _ and a length code above 8
+    data = data[2:] if data[:1] == "#" else data.partition("_")[0]
     payload = bytes.fromhex(data.replace(".", ""))
     if not -LATEST_S < seconds < LATEST_S or len(payload) > MAX_BYTES:
         raise ValueError("no CAN frame")

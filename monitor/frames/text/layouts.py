@@ -244,7 +244,7 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
         r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?",
     ),
     (
-        r"(?:bus|channel|ch|chn|interface|network)(?:channel)?|(?:can)?通道号?",
+        r"(?:bus|channel|ch|chn|kanal|interface|network)(?:channel)?|(?:can)?通道号?",
         r"(?P<channel>[^{sep}]*)",
     ),
     (r"(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
@@ -254,7 +254,7 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
     (r"er|err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
     (r"flags?", r'(?P<flags>[^{sep}"]*)'),
     (
-        r"(?:data|payload)(?: ?bytes?)?(?: ?\(hex\))?|数据(?:\(hex\))?",
+        r"(?:data|daten|payload)(?: ?bytes?)?(?: ?[(\[]hex[)\]])?|数据(?:\(hex\))?",
         r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx: ]*)\]?",
     ),
     (
@@ -265,38 +265,43 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
 # what is known and not read: how it begins, and the tool that converts it
 UNREAD: Final = (
     (
-        re.compile(r"Vehicle Spy|^Line,Abs Time ?\(Sec\),", _ANY | re.M),
+        r"Vehicle Spy|^Line,Abs Time ?\(Sec\),",
         "Vehicle Spy without arbitration identifiers",
         "Vehicle Spy's own export",
     ),
     (
-        re.compile(r'^ *"?No\."?[, ]+"?Time"?[, ]+"?Source', re.M),
+        r'^ *"?No\."?[, ]+"?Time"?[, ]+"?Source',
         "Wireshark",
         "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data",
     ),
     (
-        re.compile(r"^(?:t[0-9A-F]{3}|T[0-9A-F]{8})[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]"),
+        r"\At[0-9A-F]{3}(?:[0-9A-F]{5})?[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]",
         "an slcan adapter's own lines",
         "slcand and candump -L",
     ),
-    (re.compile(r"^# Logger type: CL\d000", re.M), "a CLX000 logger", "its CLX000 converters"),
     (
-        re.compile(r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]", _ANY | re.M),
+        r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]",
         "frames as CSV",
         "SavvyCAN or python-can's can_logconvert",
     ),
     (
-        re.compile(r"^ *\S+ +[0-9A-F]{3,8} +\[\d+\]  [0-9A-F ]+$", re.M),
+        r"^ *\S+ +[0-9A-F]{3,8} +\[\d+\]  [0-9A-F ]+$",
         "candump without times",
         "candump -L, which writes them",
     ),
     (
-        re.compile(r"(?:^[0-9A-F]{3,8}(?: [0-9A-F]{2}){1,8} *\n){3}", re.M),
+        r"(?:^[0-9A-F]{3,8}(?: [0-9A-F]{2}){1,8} *\n){3}|"
+        r"^(?!.*(?:time|stamp))(?:.*[,;])?(?:message|can|arb\w*)?[ _]?id[,;].*\b(?:data|message)",
         "identifiers and data without times",
         "an adapter or tool that writes the times",
     ),
     (
-        re.compile(r"^ *\S+ \d+ +[0-9A-F]{3,8} .*\d+\.\d+ [RT]\n +-> ", re.M),
+        r"^.*\b01 ?([0-9A-F]{2}) ?\d?\s*\n.*\b41 ?\1",
+        "an ELM327's requests and answers",
+        "an app that writes a table",
+    ),
+    (
+        r"^ *\S+ \d+ +[0-9A-F]{3,8} .*\d+\.\d+ [RT]\n +-> ",
         "CanKing's signals without the frames' data",
         "CanKing, its formatter set to the data",
     ),
@@ -338,7 +343,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
         return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text))
     for begins, tool, converter in UNREAD:
-        if begins.search(text):
+        if re.search(begins, text, _ANY | re.M):
             raise RecordingError(f"a CAN log, {tool}: not read, convert it with {converter}")
     return LayoutFound(encoding=encoding)
 

@@ -41,6 +41,21 @@ def test_every_dialect_gives_the_same_numbers(
     np.testing.assert_allclose(cells_of(raw)[0], np.column_stack(list(COLUMNS.values())))
 
 
+@pytest.mark.parametrize(
+    ("encoding", "name"),
+    [
+        ("cp1251", "Обороты двигателя"),
+        ("shift_jis", "エンジン回転数"),
+        ("gb18030", "发动机转速"),
+        ("cp1252", "Régime à l'arrêt"),
+    ],
+)
+def test_the_letters_tell_the_encoding(tmp_path: Path, encoding: str, name: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(f"Time;{name}\n0,1;900\n0,2;910\n".encode(encoding))
+    assert open_delimited(path).names == ("Time", name)
+
+
 def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
     path = tmp_path / "a.msl"
     path.write_text(

@@ -175,6 +175,7 @@ def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: 
         ("Lambda", "1", "lambda_measured"),  # a constant
         ("MAF Req [g/s]", "", "maf_kg_h"),  # commanded
         ("Speed", "", "vehicle_speed_km_h"),  # km/h or mph?
+        ("Vehicle speed (furlongs)", "", "vehicle_speed_km_h"),  # a known name with a new unit
         ("Airmass (bananas/stk)", "", "air_mass_mg"),  # a unit that nobody knows
     ],
 )
@@ -229,6 +230,11 @@ def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
         ("", lambda i: f"{1770000000000000000 + 100000000 * i}"),  # an index
         ("Date", lambda i: f"{46353.5 + i / 864000:.9f}"),
         ("Time", lambda i: f"15:59:5{i // 10}:{i % 10}00"),
+        ("Time (x0.1s)", str),
+        ("Time (1/100 s)", lambda i: f"{10 * i}"),
+        ("micros", lambda i: f"{2000000000 + 100000 * i}"),
+        ("datenum", lambda i: f"{740050.5 + i / 864000:.9f}"),  # days since the year 0
+        ("Time (days)", lambda i: f"{i / 864000:.9f}"),
         ("Temps (min)", lambda i: f"{i / 600:.6f}"),
         ("time", lambda i: f"{95958 + i / 10 + 4040 * (i >= 20):09.2f}"),  # of day, as hhmmss
     ],
@@ -319,6 +325,11 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
     [
         ("MAP (psig)", -8.0, "manifold_pressure_kpa", 46.17),  # a gauge counts from the air
         ("MAP (barg)", -0.5, "manifold_pressure_kpa", 51.3),
+        ("MAP [bar absolute]", 0.6, "manifold_pressure_kpa", 60.0),
+        ("MAP {inHg Abs}", 20.0, "manifold_pressure_kpa", 67.73),
+        ("MAP_kPa", 60.0, "manifold_pressure_kpa", 60.0),
+        ("Coolant (℉)", 190.0, "coolant_temperature_degc", 87.78),
+        ("nmot_w\\XETK:1 (1/min)", 1500.0, "engine_speed_rpm", 1500.0),
         ("AFR (E85)", 9.8, "lambda_measured", 1.0),
         ("MAP (inHg vac)", 10.0, "manifold_pressure_kpa", None),  # below the air's pressure
         ("RPM (x1000)", 2.0, "engine_speed_rpm", None),
@@ -406,5 +417,17 @@ def test_a_clock_in_counts_without_a_unit_is_asked_for(tmp_path: Path) -> None:
     own.write_text('time = "Stamp"\n[signals]\nengine_speed_rpm = "RPM"\n')
     with pytest.raises(RecordingError, match=r"Stamp have no unit and go up by 5: .* factor"):
         read_table(path, own)
+    # AND so is one in days, in the digits of a date, in what nobody knows, or of one row in minutes
+    for name, first, step in (
+        ("Stamp", 0.0, 1e-6),
+        ("Stamp", 20261128063000.0, 1.0),
+        ("Stamp (ticks)", 0.0, 1.0),
+        ("Stamp", 1.77e9, 300.0),
+    ):
+        cells = [f"{first + step * i:.6f},{RPM[i]}\n" for i in ROWS]
+        path.write_text(f"{name},RPM\n" + "".join(cells))
+        with pytest.raises(RecordingError, match="have no unit and go up by"):
+            read_table(path, own)
+    path.write_text("Stamp,RPM,AFR\n" + rows(lambda i: f"{900 + 5 * i},{RPM[i]},{AFR[i]}"))
     own.write_text(own.read_text().replace('"Stamp"', '{ column = "Stamp", factor = 0.02 }', 1))
     np.testing.assert_allclose(np.diff(read_table(path, own).t_ns), 1e8)

@@ -220,6 +220,15 @@ Timestamp;Type;ID;Data
 20261128T063000010;0;c3;1122
 20261128T063000020;1;18fef100;ff
 """,
+    "length_code.log": """(1700000000.000000) can0 0C2#01020304050607A8_B
+(1700000000.010000) can0 0C3#1122
+(1700000000.020000) can0 18FEF100#FF
+""",
+    "german.csv": """Zeit [s];Kanal;ID (hex);DLC;Daten
+0,500000;1;C2;8;01 02 03 04 05 06 07 A8
+0,510000;1;C3;2;11 22
+0,520000;1;18FEF100;1;FF
+""",
     "candump.txt": """(1700000000.000000) can0 0C2#01.02.03.04.05.06.07.A8
 (1700000000.010000) can0 0C3#1122
 (1700000000.020000) can0 18FEF100#FF
@@ -282,6 +291,8 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("  can0  0C2   [2]  11 22\n", "candump without times"),
         ("0C2 01 02\n0C3 11 22\n7E8 03 41 0D\n", "identifiers and data without times: not read"),
         ("CAN 1  000000C2 X 8 E.M 1.5 R\n   -> Speed 5.0 Enum\n", "without the frames' data: not"),
+        ("ID,DATA_0,DATA_1,label\n194,1,2,R\n", "identifiers and data without times: not read"),
+        (">010C\n41 0C 1A F8\n\n>010D\n41 0D 32\n", "an ELM327's requests and answers: not read"),
         ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
         ("    No. Time   Source\n      1 0.0    CAN  ID: 194\n", "Wireshark: not read, convert"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),

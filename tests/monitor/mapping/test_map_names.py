@@ -82,6 +82,14 @@ UNIT_IN_NAME = """
     coolant_temperature_degc  Temperatura_acqua (1,-40) [-40|215] "C"
     engine_speed_rpm          Giri_motore (1,0) [0|8000] "rpm"
 """
+FURTHER = """
+    engine_speed_rpm          MO1_Motorvarvtal (0.25,0) [0|8000] "varv/min"
+    coolant_temperature_degc  MO2_Koelvloeistoftemperatuur (1,-40) [-40|215] "°C"
+    manifold_pressure_kpa     EMS_IntkManPrs_kPa (0.1,0) [0|400] "-"
+    throttle_percent          MO3_Posizione_farfalla (0.1,0) [0|100] "%"
+    battery_voltage_v         Akkumulator_feszultseg (0.1,0) [0|25] "V"
+    lambda_measured           lam_Sonde_vKat (0.000244,0) [0|16] "-"
+"""
 BOSCH = """
     engine_speed_rpm          nmot_w (0.25,0) [0|16000] "1/min"
     lambda_measured           lamsoni_w (0.000244,0) [0|16] "-"
@@ -119,7 +127,7 @@ BANKS = """
 """
 
 
-LANGUAGES = [GERMAN, ABBREVIATED, UNIT_AND_KIND, NUMBERED, UNIT_IN_NAME, BOSCH, SAE, BANKS]
+LANGUAGES = [GERMAN, ABBREVIATED, UNIT_AND_KIND, NUMBERED, UNIT_IN_NAME, FURTHER, BOSCH, SAE, BANKS]
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
