@@ -23,7 +23,7 @@ from monitor.frames.tables.cells import (
     of_unit,
     of_words,
 )
-from monitor.frames.tables.dialect import LINES, Dialect, dialect_of
+from monitor.frames.tables.dialect import Dialect, dialect_of
 from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
@@ -195,7 +195,7 @@ def _rows(
     most = width if dialect.is_exact else csv.field_size_limit()
     with open_text(path, dialect.encoding, errors=dialect.errors) as text:
         reader = csv.reader(
-            _ended_quotes(text) if dialect.has_quotes else text,
+            _ended_quotes(text, dialect.skip) if dialect.has_quotes else text,
             delimiter=dialect.separator,
             skipinitialspace=True,
             quoting=csv.QUOTE_MINIMAL if dialect.has_quotes else csv.QUOTE_NONE,
@@ -224,10 +224,17 @@ def _rows(
         notes.sentences.append(f"{counted(len(odd), 'row')} left out, the first: {odd[0]}")
 
 
-def _ended_quotes(text: Iterable[str]) -> Iterator[str]:
-    """Yield the lines; below the header, a quote that has no end would swallow all that follows."""
-    for n, line in enumerate(text):
-        yield line if n < LINES or line.count('"') % 2 == 0 else line.replace('"', "")
+def _ended_quotes(text: Iterable[str], header: int) -> Iterator[str]:
+    """Yield the lines; below the header, a quote that has no end would swallow all that follows.
+
+    header : rows of it
+    """
+    is_open = False  # a cell of the header that goes on in the next line
+    for line in text:
+        is_odd = line.count('"') % 2 == 1
+        yield line.replace('"', "") if is_odd and not header else line
+        is_open ^= is_odd
+        header -= bool(header and line.strip() and not is_open)
 
 
 def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterator[list[str]]:
