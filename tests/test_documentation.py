@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from monitor.base.signals import SIGNALS
 from monitor.cli import _parser as o2mon_parser
 from monitor.memory.codes import codes_of
 from monitor.report.words import Advice, known_faults
@@ -123,3 +124,10 @@ def test_causes_and_next_checks_in_the_docs_are_those_that_the_program_prints() 
         told = (", ".join(named), advice.effect, "; ".join(advice.causes), advice.check)
         rows.append(f"| {' | '.join(told)} |\n")
     assert "".join(rows) in (ROOT / "docs" / "reference" / "codes.md").read_text(), "".join(rows)
+
+
+def test_the_page_of_signals_has_every_name_with_its_unit_and_range() -> None:
+    page = (ROOT / "docs" / "reference" / "signals.md").read_text(encoding="utf-8")
+    rows = [row.strip("| ").split(" | ") for row in page.splitlines() if row.startswith("| `")]
+    told = {name.strip("`"): (unit, plausible) for name, unit, _, plausible in rows}
+    assert told == {s.name: (s.unit, f"{s.minimum:g} to {s.maximum:g}") for s in SIGNALS}

@@ -9,7 +9,7 @@ from pathlib import Path
 import can
 import pytest
 from can.util import dlc2len
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from monitor.frames.blf import blocks as blf_blocks
@@ -73,30 +73,6 @@ def fd_object(n: int, data: bytes, *, header: int = 32, behind: int = 0) -> byte
     size = 72 + len(data)
     head = struct.pack("<4sHHLLLLQ", b"LOBJ", header, 1, size, 101, 2, 0, 10**9)
     return head + body + data + bytes(size % 4)
-
-
-@pytest.mark.parametrize("cuts", [[], [90], [148, 150], [160, 222]])
-def test_can_fd_data_that_an_object_announces_but_does_not_hold_are_zero(
-    tmp_path: Path, cuts: list[int]
-) -> None:
-    # GIVEN an object with 5 of 16 bytes, and one whose extension begins after 3 of its 8 bytes
-    parts = [
-        fd_object(16, b"short"),
-        fd_object(8, b"12345678", behind=75),
-        fd_object(8, b"abcdefgh"),
-    ]
-    content = b"".join(parts)
-    edges = pairwise([0, *cuts, len(content)])
-    path = tmp_path / "short.blf"
-    path.write_bytes(blf_file([(content[begin:end], DEFLATED) for begin, end in edges]))
-    found = read_at_once(path)
-    assert [frame.data for frame in found[0]] == [
-        b"short" + bytes(11),
-        b"123" + bytes(5),
-        b"abcdefgh",
-    ]
-    assert found == python_can_reads(path)
-    assert found[2] is None
 
 
 @pytest.mark.parametrize("cuts", [[], [90], [155], [160, 222]])
@@ -170,7 +146,13 @@ def blf_files(draw: st.DrawFn) -> bytes:
     return blf_file(containers, draw(st.integers(0, 999)))
 
 
+# objects with 5 of 16 bytes, and with an extension behind 3 of 8 bytes: the rest is zeros
+SHORT = fd_object(16, b"short") + fd_object(8, b"12345678", behind=75) + fd_object(8, b"abcdefgh")
+
+
 @inputs(150)
+@example(content=blf_file([(SHORT, DEFLATED)]), chunk_bytes=1 << 20)
+@example(content=blf_file([(SHORT[:148], DEFLATED), (SHORT[148:], DEFLATED)]), chunk_bytes=1)
 @given(content=blf_files(), chunk_bytes=st.sampled_from([1, 1, 200, 1 << 20]))
 def test_blf_objects_of_every_kind_are_read_as_python_can_reads_them(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, chunk_bytes: int

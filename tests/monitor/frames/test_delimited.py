@@ -1,15 +1,18 @@
 """Text tables of loggers: encodings, separators, units, clocks, marks, no value, cuts."""
 
+import gzip
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from monitor.base.errors import RecordingError
+from monitor.base.errors import ConfigError, RecordingError
+from monitor.base.types import Quality
 from monitor.frames.tables.cells import clock, is_number, number
 from monitor.frames.tables.delimited import open_delimited
 from monitor.frames.tables.raw_table import Notes, Wanted
+from monitor.grid.table_samples import table_block
 from monitor.grid.tables import read_table
 from tests.helpers.logs.logger_files import cells_of, write_text_table
 
@@ -165,3 +168,108 @@ def test_what_python_alone_reads_as_a_number_is_none(cell: str, tmp_path: Path) 
     path.write_text(f"time_s,a\n0,1\n0.1,{cell}\n")
     with pytest.raises(RecordingError, match="a number is wanted"):
         read_table(path)
+
+
+# The project's own tables, and columns by a map
+
+
+def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:
+    path = tmp_path / name
+    if name.endswith(".gz"):
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.csv.gz"])
+def test_blank_cells_are_not_valid(tmp_path: Path, name: str) -> None:
+    got = read_table(table(tmp_path, "time_s,x,y\n0,1,\n0.1,nan,4\n\n", name))
+    assert got.names == ("x", "y")
+    assert got.t_ns.tolist() == [0, 100_000_000]
+    np.testing.assert_array_equal(got.values, [[1, math.nan], [math.nan, 4]])
+
+
+def test_a_uniform_table_is_used_sample_for_sample_at_its_own_period(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,lambda_measured\n5,0.2\n5.05,1\n5.1,\n5.15,1.5\n5.2,\n")
+    block = table_block(read_table(path), ["lambda_measured"])
+    assert block.index.tolist() == [0, 1, 2, 3, 4]
+    assert block.t_ns.tolist() == [5_000_000_000 + k * 50_000_000 for k in range(5)]
+    # a blank between two values holds the first, one at the end has none
+    good = Quality.GOOD
+    assert block.quality[:, 0].tolist() == [Quality.OUT_OF_RANGE, good, good, good, Quality.INVALID]
+    np.testing.assert_array_equal(block.values[:, 0], [math.nan, 1, 1, 1.5, math.nan])
+
+
+def test_a_table_with_gaps_is_brought_onto_the_grid(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,x\n0,1\n0.05,3\n0.3,5\n2,7\n2.01,0\n")
+    block = table_block(read_table(path), ["x"], 100_000_000)
+    assert block.values[[0, 2], 0].tolist() == [2.0, 5.0]
+    # no row for 1.7 s is a pause: the grid begins anew behind it
+    assert len(block.t_ns) == 4
+    assert block.quality[3, 0] == Quality.GAP
+    assert block.t_ns[3] == 2_000_000_000
+
+
+def test_a_table_follows_the_period_asked_for(tmp_path: Path) -> None:
+    rows = "".join(f"{k * 0.05:.2f},{k}\n" for k in range(9))
+    got = read_table(table(tmp_path, f"time_s,x\n{rows}"))
+    assert table_block(got, ["x"], 100_000_000).values[:, 0].tolist() == [1.0, 3.5, 5.5]
+    assert len(table_block(got, ["x"], 50_000_000).t_ns) == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x,time_s\n1,0\n", r"no profile knows its columns \(x, time_s\); give --profile"),
+        ("time_s,x\n0,1\n1\n", "line 3: 1 cell, the header has 2"),
+        ("time_s,x\n0,1\n1,abc\n", "line 3: column x is 'abc'"),
+        ("time_s,x\n0,1\n,2\n", "line 3: time_s is not a number"),
+        ("time_s,x\n0,1\n1.7e12,2\n", "line 3: time_s is not a number or no time in s"),
+        ("time_s,x\n0,1\n1,2\n0.5,3\n", "line 4: time_s is 0.5 after 1"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused_by_line(tmp_path: Path, text: str, message: str) -> None:
+    path = table(tmp_path, text)
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_table(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_truncated_gzipped_table_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path, "time_s,x\n" + "".join(f"{k},{k * 7}\n" for k in range(500)), "t.csv.gz")
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(RecordingError, match="cannot read it: Compressed"):
+        read_table(path)
+
+
+def test_a_columns_map_renames_and_scales(tmp_path: Path) -> None:
+    path = table(tmp_path, "t_ms,AFR,other\n0,14.7,1\n100,29.4,2\n")
+    columns = tmp_path / "columns.toml"
+    columns.write_text(
+        'time_s = { column = "t_ms", factor = 0.001 }\n'
+        'lambda_measured = { column = "AFR", factor = 0.068027210884, offset = 0.0 }\n'
+    )
+    got = read_table(path, columns)
+    assert got.names == ("t_ms", "AFR", "other", "lambda_measured")  # the others keep their names
+    assert got.t_ns.tolist() == [0, 100_000_000]
+    np.testing.assert_allclose(got.values[:, 3], [1, 2])
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("x = 3\n", ConfigError, "x is 3, a text is wanted"),
+        ('x = { column = "a", gain = 2 }\n', ConfigError, "unknown key 'gain'"),
+        ('x = { column = "a", factor = "2" }\n', ConfigError, "a number is wanted"),
+        ("x = \n", ConfigError, "not a TOML file"),
+        ('x = "b"\n', RecordingError, "no column 'b' for x, there are time_s, a"),
+    ],
+)
+def test_a_columns_map_that_cannot_be_is_refused(
+    tmp_path: Path, text: str, error: type[Exception], message: str
+) -> None:
+    columns = tmp_path / "columns.toml"
+    columns.write_text(text)
+    with pytest.raises(error, match=message):
+        read_table(table(tmp_path, "time_s,a\n0,1\n"), columns)

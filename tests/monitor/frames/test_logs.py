@@ -1,31 +1,38 @@
+"""Logs of every format: their frames as python-can reads them, of a cut one those before."""
+
 import gzip
-import math
+import struct
 import sys
+import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
+from asammdf import MDF
+from hypothesis import given
+from hypothesis import strategies as st
 
-from monitor.base.errors import ConfigError, RecordingError
-from monitor.base.signals import SIGNALS
-from monitor.base.types import Frame, Quality
-from monitor.frames.blocks import LogCounters
-from monitor.frames.logs import read_frames
-from monitor.grid.table_samples import table_block
-from monitor.grid.tables import is_table, read_table
-from tests.conftest import ROOT
+from monitor.base.errors import RecordingError
+from monitor.base.types import Frame
+from monitor.frames import mdf
+from monitor.frames.blocks import LogCounters, block_of, frames_of, joined
+from monitor.frames.logs import frame_of, read_blocks, read_frames
+from monitor.grid.tables import is_table
+from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OWN
+from tests.helpers.logs.read_outcome import START_NS, read_at_once, synthetic
 from training.recordings.files.can_log import broadcast, write_log
 from training.recordings.files.frame_block import EncodedFrames
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
-START_NS = 1_700_000_000_123_456_000
 
 
 @pytest.fixture(scope="module")
 def drive() -> EncodedFrames:
-    t_ns = START_NS + np.arange(20) * 100_000_000
-    return broadcast(OWN, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 20)})
+    t_ns = START_NS + np.arange(50) * 100_000_000
+    return broadcast(OWN, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 50)})
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +65,7 @@ def test_a_log_that_was_cut_short_is_read_as_far_as_it_goes_and_says_so(
     whole = (folder / f"drive{suffix}").read_bytes()
     path = tmp_path / f"cut{suffix}"
     rng = np.random.default_rng(1)
-    for cut in [len(whole) - 2, *rng.integers(1, len(whole), 20).tolist()]:
+    for cut in [len(whole) - 2, 100, *rng.integers(1, len(whole), 20).tolist()]:
         kept = whole[:cut]
         path.write_bytes(kept.rstrip(b"\r\n"))
         counters = LogCounters()
@@ -82,17 +89,6 @@ def test_a_damaged_compressed_log_never_passes(folder: Path, tmp_path: Path, suf
     path.write_bytes(whole)
     with pytest.raises(RecordingError, match="damaged or cut short"):
         list(read_frames(path))
-
-
-def test_a_blf_whose_logger_was_killed_is_read_and_says_so(folder: Path, tmp_path: Path) -> None:
-    whole = bytearray((folder / "drive.blf").read_bytes())
-    whole[16:24] = (144).to_bytes(8, "little")  # the size in the header is written at the end
-    path = tmp_path / "killed.blf"
-    path.write_bytes(whole)
-    counters = LogCounters()
-    assert list(read_frames(path, counters)) == list(read_frames(folder / "drive.blf"))
-    assert counters.is_cut
-    assert "never finished" in counters.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -137,120 +133,160 @@ def test_an_mf4_log_without_asammdf_names_the_extra(
         read_frames(folder / "drive.mf4")
 
 
-def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:
-    path = tmp_path / name
-    if name.endswith(".gz"):
-        path.write_bytes(gzip.compress(text.encode()))
-    else:
-        path.write_text(text)
-    return path
-
-
 def test_tables_and_logs_are_told_apart(folder: Path, tmp_path: Path) -> None:
+    text = b"time_s,x\n0,1\n"
+    for name, content in (("t.csv", text), ("t.csv.gz", gzip.compress(text))):
+        (tmp_path / name).write_bytes(content)
+    assert all(is_table(tmp_path / name) for name in ("t.csv", "t.csv.gz", "t.parquet"))
     assert not any(is_table(folder / f"drive{suffix}") for suffix in SUFFIXES)
-    assert is_table(table(tmp_path, "time_s,x\n0,1\n"))
-    assert is_table(table(tmp_path, "time_s,x\n0,1\n", "t.csv.gz"))
-    assert is_table(tmp_path / "t.parquet")
     assert not is_table(tmp_path / "missing.csv")
 
 
-@pytest.mark.parametrize("name", ["t.csv", "t.csv.gz"])
-def test_blank_cells_are_not_valid(tmp_path: Path, name: str) -> None:
-    got = read_table(table(tmp_path, "time_s,x,y\n0,1,\n0.1,nan,4\n\n", name))
-    assert got.names == ("x", "y")
-    assert got.t_ns.tolist() == [0, 100_000_000]
-    np.testing.assert_array_equal(got.values, [[1, math.nan], [math.nan, 4]])
-
-
-def test_a_uniform_table_is_used_sample_for_sample_at_its_own_period(tmp_path: Path) -> None:
-    path = table(tmp_path, "time_s,lambda_measured\n5,0.2\n5.05,1\n5.1,\n5.15,1.5\n5.2,\n")
-    block = table_block(read_table(path), ["lambda_measured"])
-    assert block.index.tolist() == [0, 1, 2, 3, 4]
-    assert block.t_ns.tolist() == [5_000_000_000 + k * 50_000_000 for k in range(5)]
-    # a blank between two values holds the first, one at the end has none
-    good = Quality.GOOD
-    assert block.quality[:, 0].tolist() == [Quality.OUT_OF_RANGE, good, good, good, Quality.INVALID]
-    np.testing.assert_array_equal(block.values[:, 0], [math.nan, 1, 1, 1.5, math.nan])
-
-
-def test_a_table_with_gaps_is_brought_onto_the_grid(tmp_path: Path) -> None:
-    path = table(tmp_path, "time_s,x\n0,1\n0.05,3\n0.3,5\n2,7\n2.01,0\n")
-    block = table_block(read_table(path), ["x"], 100_000_000)
-    assert block.values[[0, 2], 0].tolist() == [2.0, 5.0]
-    # no row for 1.7 s is a pause: the grid begins anew behind it
-    assert len(block.t_ns) == 4
-    assert block.quality[3, 0] == Quality.GAP
-    assert block.t_ns[3] == 2_000_000_000
-
-
-def test_a_table_follows_the_period_asked_for(tmp_path: Path) -> None:
-    rows = "".join(f"{k * 0.05:.2f},{k}\n" for k in range(9))
-    got = read_table(table(tmp_path, f"time_s,x\n{rows}"))
-    assert table_block(got, ["x"], 100_000_000).values[:, 0].tolist() == [1.0, 3.5, 5.5]
-    assert len(table_block(got, ["x"], 50_000_000).t_ns) == 9
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "the table is empty"),
-        ("time_s,x\n", "no row of column names with rows of numbers"),
-        ("x,time_s\n1,0\n", r"no profile knows its columns \(x, time_s\); give --profile"),
-        ("time_s,x\n0,1\n1\n", "line 3: 1 cell, the header has 2"),
-        ("time_s,x\n0,1\n1,abc\n", "line 3: column x is 'abc'"),
-        ("time_s,x\n0,1\n,2\n", "line 3: time_s is not a number"),
-        ("time_s,x\n0,1\n1.7e12,2\n", "line 3: time_s is not a number or no time in s"),
-        ("time_s,x\n0,1\n1,2\n0.5,3\n", "line 4: time_s is 0.5 after 1"),
-    ],
+MESSAGE = st.builds(
+    can.Message,
+    timestamp=st.integers(0, 10**9).map(lambda us: 1.7e9 + us / 1e6),
+    arbitration_id=st.integers(0, 0x7FF),
+    is_extended_id=st.just(False),
+    data=st.binary(max_size=8),
+    channel=st.integers(0, 1),
+    is_rx=st.booleans(),
 )
-def test_a_table_that_cannot_be_is_refused_by_line(tmp_path: Path, text: str, message: str) -> None:
-    path = table(tmp_path, text)
-    with pytest.raises(RecordingError, match=message) as caught:
-        read_table(path)
-    assert str(path) in str(caught.value)
-
-
-def test_a_truncated_gzipped_table_is_refused(tmp_path: Path) -> None:
-    path = table(tmp_path, "time_s,x\n" + "".join(f"{k},{k * 7}\n" for k in range(500)), "t.csv.gz")
-    path.write_bytes(path.read_bytes()[:-40])
-    with pytest.raises(RecordingError, match="cannot read it: Compressed"):
-        read_table(path)
-
-
-def test_a_columns_map_renames_and_scales(tmp_path: Path) -> None:
-    path = table(tmp_path, "t_ms,AFR,other\n0,14.7,1\n100,29.4,2\n")
-    columns = tmp_path / "columns.toml"
-    columns.write_text(
-        'time_s = { column = "t_ms", factor = 0.001 }\n'
-        'lambda_measured = { column = "AFR", factor = 0.068027210884, offset = 0.0 }\n'
-    )
-    got = read_table(path, columns)
-    assert got.names == ("t_ms", "AFR", "other", "lambda_measured")  # the others keep their names
-    assert got.t_ns.tolist() == [0, 100_000_000]
-    np.testing.assert_allclose(got.values[:, 3], [1, 2])
-
-
-@pytest.mark.parametrize(
-    ("text", "error", "message"),
-    [
-        ("x = 3\n", ConfigError, "x is 3, a text is wanted"),
-        ('x = { column = "a", gain = 2 }\n', ConfigError, "unknown key 'gain'"),
-        ('x = { column = "a", factor = "2" }\n', ConfigError, "a number is wanted"),
-        ("x = \n", ConfigError, "not a TOML file"),
-        ('x = "b"\n', RecordingError, "no column 'b' for x, there are time_s, a"),
-    ],
+EXTENDED_ID = st.builds(
+    can.Message,
+    timestamp=st.just(1.7e9 + 5),
+    arbitration_id=st.integers(0, 2**29 - 1),
+    data=st.binary(max_size=8),
+    channel=st.just(0),
 )
-def test_a_columns_map_that_cannot_be_is_refused(
-    tmp_path: Path, text: str, error: type[Exception], message: str
+NO_DATA = st.builds(
+    can.Message,
+    timestamp=st.just(1.7e9 + 6),
+    arbitration_id=st.integers(0, 0x7FF),
+    is_extended_id=st.just(False),
+    is_error_frame=st.booleans(),
+    is_remote_frame=st.booleans(),
+    channel=st.just(0),
+).filter(lambda m: m.is_error_frame != m.is_remote_frame)
+FD = st.builds(
+    lambda data, can_id: can.Message(
+        timestamp=1.7e9 + 7, arbitration_id=can_id, data=data, is_fd=True, channel=0
+    ),
+    st.sampled_from([*range(9), 12, 16, 20, 24, 32, 48, 64]).flatmap(
+        lambda n: st.binary(min_size=n, max_size=n)
+    ),
+    st.integers(0, 2**29 - 1),
+)
+
+
+@pytest.mark.parametrize("suffix", [".log", ".asc", ".blf", ".csv", ".trc", ".mf4"])
+@inputs(15)
+@given(data=st.data())
+def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, data: st.DataObject
 ) -> None:
-    columns = tmp_path / "columns.toml"
-    columns.write_text(text)
-    with pytest.raises(error, match=message):
-        read_table(table(tmp_path, "time_s,a\n0,1\n"), columns)
+    kinds = [MESSAGE, EXTENDED_ID]
+    kinds += [NO_DATA] if suffix != ".trc" else []
+    kinds += [FD] if suffix in {".log", ".blf"} else []
+    messages = data.draw(st.lists(st.one_of(*kinds), min_size=1, max_size=12))
+    path = tmp_path_factory.getbasetemp() / f"written{suffix}"
+    with can.Logger(path) as logger:
+        for message in messages:
+            logger.on_message_received(message)
+    found = read_at_once(path)
+    with can.LogReader(path) as reader:
+        sent = [frame_of(m) for m in reader if not (m.is_error_frame or m.is_remote_frame)]
+    assert sorted(found[0]) == sorted(sent)  # MF4: in the order of time
+    assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
+    assert found[1].skipped == len(messages) - len(found[0])
 
 
-def test_the_page_of_signals_has_every_name_with_its_unit_and_range() -> None:
-    page = (ROOT / "docs" / "reference" / "signals.md").read_text(encoding="utf-8")
-    rows = [row.strip("| ").split(" | ") for row in page.splitlines() if row.startswith("| `")]
-    told = {name.strip("`"): (unit, plausible) for name, unit, _, plausible in rows}
-    assert told == {s.name: (s.unit, f"{s.minimum:g} to {s.maximum:g}") for s in SIGNALS}
+UNCLOSED: dict[str, tuple[str, Callable[[bytes], bytes]]] = {
+    # space that was never filled; the size that the header gets at the end; packed blocks
+    "only zeros from byte": (".blf", lambda whole: whole + bytes(5000)),
+    "never finished": (".blf", lambda whole: whole[:16] + struct.pack("<Q", 144) + whole[24:]),
+    "never closed": (".mf4", lambda whole: b"UnFinMF " + whole[8:60] + b"\x25\0" + whole[62:]),
+}
+
+
+@pytest.mark.parametrize("note", UNCLOSED)
+def test_a_log_that_was_never_closed_gives_all_frames_and_a_note(
+    folder: Path, tmp_path: Path, note: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    suffix, left_open = UNCLOSED[note]
+    path = tmp_path / f"open{suffix}"
+    path.write_bytes(left_open((folder / f"drive{suffix}").read_bytes()))
+    frames, counters, error = read_at_once(path)
+    assert (frames, error) == (read_at_once(folder / f"drive{suffix}")[0], None)
+    assert counters.is_cut
+    assert note in counters.notes[0]
+    assert capsys.readouterr().out == ""
+
+
+def test_an_mf4_whose_last_block_is_shorter_than_it_says_gives_what_it_holds(
+    folder: Path, tmp_path: Path
+) -> None:
+    # GIVEN an MF4 of a killed logger that had announced the length of its records beforehand
+    path = tmp_path / "open.mf4"
+    with MDF(folder / "drive.mf4") as whole:
+        whole.save(path, compression=0)
+    content = path.read_bytes()
+    at = content.index(b"##DT")
+    moved = bytearray(content) + bytes(-len(content) % 8)
+    struct.pack_into("<Q", moved, content.index(struct.pack("<Q", at)), len(moved))
+    moved[:8], moved[60:62] = b"UnFinMF ", bytes([0b101, 0])
+    (length,) = struct.unpack_from("<Q", content, at + 8)
+    path.write_bytes(moved + content[at : at + length * 2 // 3])
+    # WHEN it is read THEN its whole frames are there, and the end is said
+    frames, counters, error = read_at_once(path)
+    every = read_at_once(folder / "drive.mf4")[0]
+    assert error is None
+    assert 0.6 * len(every) < len(frames) < 0.7 * len(every)
+    assert frames == every[: len(frames)]
+    assert "never closed" in counters.notes[0]
+
+
+def test_a_gzipped_blf_is_read_as_the_plain_one(folder: Path, tmp_path: Path) -> None:
+    path = tmp_path / "drive.blf.gz"
+    path.write_bytes(gzip.compress((folder / "drive.blf").read_bytes()))
+    assert read_at_once(path)[:2] == read_at_once(folder / "drive.blf")[:2]
+    path.write_bytes(path.read_bytes()[:-9])
+    found = read_at_once(path)
+    assert found[:2:2] == read_at_once(folder / "drive.blf")[:2:2]
+    assert "end-of-stream" in found[1].notes[0]
+
+
+@pytest.mark.parametrize("suffix", [".log.gz", ".blf"])
+def test_memory_stays_flat_with_the_length_of_a_log(tmp_path: Path, suffix: str) -> None:
+    peaks = []
+    for n in (40_000, 120_000):
+        path = tmp_path / f"long{n}{suffix}"
+        write_log(path, synthetic(n))
+        tracemalloc.start()
+        assert sum(len(block.t_ns) for block in read_blocks(path)) == n
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+@inputs(20)
+@given(st.lists(st.lists(st.integers(0, 60), max_size=25), max_size=4), st.integers(1, 7))
+def test_channel_groups_of_an_mf4_are_merged_in_order_of_time(
+    times: list[list[int]], most: int
+) -> None:
+    groups, wanted = [], []
+    for number, each in enumerate(times):
+        frames = [Frame(t_ns, number, False, b"") for t_ns in sorted(each)]
+        groups.append(iter([block_of(frames[k : k + most]) for k in range(0, len(frames), most)]))
+        wanted += frames
+    merged = [frame for block in mdf._merged(groups) for frame in frames_of(block)]
+    assert sorted(merged) == sorted(wanted)
+    assert [frame.t_ns for frame in merged] == sorted(frame.t_ns for frame in wanted)
+
+
+def test_an_mf4_is_read_in_blocks(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = joined(list(read_blocks(folder / "drive.mf4")))
+    monkeypatch.setattr(mdf, "FRAMES", 64)
+    blocks = list(read_blocks(folder / "drive.mf4"))
+    assert max(len(block.t_ns) for block in blocks) <= 64
+    for column, again in zip(whole, joined(blocks), strict=True):
+        np.testing.assert_array_equal(column, again)

@@ -7,6 +7,7 @@ import pytest
 
 from monitor.base.errors import RecordingError
 from monitor.frames.tables.mlg import TIMESTAMP, open_mlg
+from monitor.frames.tables.mlg_blocks import CHUNK
 from monitor.frames.tables.raw_table import Notes
 from tests.helpers.logs.logger_files import (
     CODES,
@@ -41,7 +42,11 @@ def test_every_type_of_field_is_read_with_scale_and_transform(tmp_path: Path, ve
     assert notes == Notes()
 
 
-def test_markers_are_counted_and_records_with_a_wrong_checksum_left_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("chunk", [100, 230, CHUNK])
+def test_markers_are_counted_and_records_with_a_wrong_checksum_left_out(
+    chunk: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("monitor.frames.tables.mlg_blocks.CHUNK", chunk)
     values, t_s = numbers(20), 0.1 * np.arange(20)
     blocks = mlg_blocks(FIELDS, values, t_s)
     blocks[7] = blocks[7][:9] + bytes([blocks[7][9] ^ 4]) + blocks[7][10:]
@@ -71,23 +76,6 @@ def test_a_log_cut_in_the_middle_is_read_to_the_cut_and_says_so(tmp_path: Path) 
     found, notes = cells_of(open_mlg(path))
     assert len(found) == 29
     assert notes.lines[0].startswith("cut short after 29 records")
-
-
-def test_a_log_larger_than_a_chunk_gives_what_small_chunks_give(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values, t_s = numbers(300), 0.1 * np.arange(300)
-    blocks = mlg_blocks(FIELDS, values, t_s)
-    blocks[100] = blocks[100][:-1] + bytes([blocks[100][-1] ^ 1])
-    blocks.insert(200, mlg_marker("x", 20.0))
-    path = tmp_path / "a.mlg"
-    path.write_bytes(mlg_header(2, FIELDS) + b"".join(blocks))
-    whole, noted = cells_of(open_mlg(path))
-    monkeypatch.setattr("monitor.frames.tables.mlg_blocks.CHUNK", 100)
-    parts, again = cells_of(open_mlg(path))
-    np.testing.assert_array_equal(parts, whole)
-    assert again == noted
-    assert len(whole) == 299
 
 
 @pytest.mark.parametrize(

@@ -266,14 +266,6 @@ def test_a_logger_that_nobody_knows_is_one_toml_file_and_no_code(tmp_path: Path)
     np.testing.assert_allclose(column(table, "manifold_pressure_kpa"), D["map_kpa"], rtol=1e-4)
 
 
-def test_a_profile_may_change_only_a_part_of_another(tmp_path: Path) -> None:
-    mine = tmp_path / "mine.toml"
-    mine.write_text('based_on = "megasquirt"\nstoich_afr = 9.0\n[engine]\ninjector_mg_per_ms = 6\n')
-    table = read_table(msl(tmp_path / "a.msl"), mine)
-    np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 9.0, rtol=1e-4)
-    assert load_profile(mine).engine.injector_mg_per_ms == 6.0
-
-
 def test_an_own_profile_beside_the_log_or_in_the_user_s_folder_is_recognised(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -282,10 +274,14 @@ def test_an_own_profile_beside_the_log_or_in_the_user_s_folder_is_recognised(
     folder.mkdir()
     drives.mkdir()
     log = msl(drives / "a.msl")
-    (folder / "e85.toml").write_text('based_on = "megasquirt"\nstoich_afr = 9.0\n')
+    part = 'based_on = "megasquirt"\nstoich_afr = 9.0\n[engine]\ninjector_mg_per_ms = 6\n'
+    (folder / "e85.toml").write_text(part)
+    assert load_profile(folder / "e85.toml").engine.injector_mg_per_ms == 6.0
     assert read_table(log).profile == "megasquirt"
     monkeypatch.setenv("O2_PROFILES", str(folder))
-    assert read_table(log).profile == "e85"
+    table = read_table(log)
+    assert table.profile == "e85"
+    np.testing.assert_allclose(column(table, "lambda_measured"), D["afr"] / 9.0, rtol=1e-4)
     # WHEN another one stands beside the log, with files that are no profiles
     (drives / "map.toml").write_text('time_s = "Time"\n')
     shutil.copy(dbc.path("o2_ecu.toml"), drives / "bus.toml")  # map of a bus's messages
