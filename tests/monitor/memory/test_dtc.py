@@ -26,26 +26,19 @@ def test_a_code_is_pending_in_the_first_failing_driving_cycle_and_confirmed_in_t
     fault: str,
 ) -> None:
     store = DtcStore()
-    # GIVEN a new store
-    assert states(store) == {}
-    assert not store.fault_flag
-    # WHEN the fault's test fails
-    changed = store.fail(fault, t_ns=7)
-    # THEN its codes, and no others, are pending
-    assert sorted(dtc.code for dtc in changed) == sorted(CODES[fault])
-    assert states(store) == dict.fromkeys(CODES[fault], "pending")
-    assert store.fault_flag == (fault not in OF_MONITOR)
-    # and it stays so when the test fails again in the same driving cycle
-    store.fail(fault, t_ns=9)
-    assert states(store) == dict.fromkeys(CODES[fault], "pending")
-    assert {dtc.t_ns for dtc in store.active} == {7}
-    # WHEN it fails in the next driving cycle, too
-    store.start_driving_cycle()
-    assert states(store) == dict.fromkeys(CODES[fault], "pending")
-    store.fail(fault, t_ns=3)
-    # THEN the codes are confirmed
-    assert states(store) == dict.fromkeys(CODES[fault], "confirmed")
-    assert {dtc.t_ns for dtc in store.active} == {3}
+    assert (states(store), store.fault_flag) == ({}, False)
+    for t_ns, state in ((7, "pending"), (3, "confirmed")):
+        # WHEN the fault's test fails
+        changed = store.fail(fault, t_ns)
+        # THEN its codes, and no others, have the state; they keep it when it fails once more
+        assert sorted(dtc.code for dtc in changed) == sorted(CODES[fault])
+        store.fail(fault, t_ns + 2)
+        assert states(store) == dict.fromkeys(CODES[fault], state)
+        assert {dtc.t_ns for dtc in store.active} == {t_ns}
+        assert store.fault_flag == (fault not in OF_MONITOR)
+        # AND when the next driving cycle begins
+        store.start_driving_cycle()
+        assert states(store) == dict.fromkeys(CODES[fault], state)
 
 
 def test_a_completed_test_without_a_fault_clears_only_the_completion_bits() -> None:
