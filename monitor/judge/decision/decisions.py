@@ -13,7 +13,7 @@ from monitor.base.foreign import ForeignError, returned
 from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.counters import Counters
-from monitor.judge.decision.plugins import RuleClass, opinion
+from monitor.judge.decision.plugins import Rule, RuleClass, opinion
 from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Change, CutJudged, Facts, RuleOff, WindowJudged
@@ -62,8 +62,8 @@ class Decisions:
             window_std=limits.offset_std,
             step_most=step_most,
         )
-        self._rules = {test: returned(test, kind, kind) for test, kind in rules.items()}
-        self._counters = Counters((*OF_VEHICLE, *self._rules), config, store)
+        self._rules: dict[str, Rule | RuleClass] = dict(rules)  # a class until its first window
+        self._counters = Counters((*OF_VEHICLE, *rules), config, store)
         self._blind = {test for test in OF_MODEL if limits.trust.is_blind(test)}
         self._by_balance = False  # the balance has named the upstream sensor
         self._suspicious = False  # a window failed
@@ -140,6 +140,8 @@ class Decisions:
         """Let the rules of plug-ins judge a window."""
         for test, rule in list(self._rules.items()):
             try:
+                if isinstance(rule, type):
+                    self._rules[test] = rule = returned(test, rule, rule)
                 said = opinion(test, rule, window)
             except ForeignError as error:
                 del self._rules[test]

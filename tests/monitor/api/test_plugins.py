@@ -157,15 +157,16 @@ def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verd
 
 
 @pytest.mark.usefixtures("installed")
-def test_a_rule_that_cannot_be_made_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_rule_that_cannot_be_made_is_switched_off_in_that_driving_cycle(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (kind,) = rules.loaded(["noisy"]).values()
     monkeypatch.setattr(kind, "__init__", lambda self: 1 / 0)
     settings = tmp_path / "on.toml"
     settings.write_text('[rules]\nactive = ["noisy"]\n')
-    assert cli.main(["replay", str(LATE), "--config", str(settings)]) == 2
-    assert "noisy fails: division by zero" in capsys.readouterr().err
+    code, (recording,) = replays(LATE, "--config", settings)
+    assert (code, [dtc["code"] for dtc in recording["dtcs"]]) == (1, ["P015A"])
+    assert recording["notes"] == ["the rule noisy fails: division by zero; it is switched off"]
 
 
 OWN_RULES = """
