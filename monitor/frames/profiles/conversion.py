@@ -121,8 +121,12 @@ def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
 def converted(profile: Profile, choice: Choice, column: RawColumn, cells: FloatArray) -> FloatArray:
     """Return the values in the signal's unit."""
     target = target_of(choice.name, profile.stoich_afr)
-    for text in (*stated_texts(column), *choice.source.units):
-        unit = unit_of(text, profile.stoich_afr)
-        if target and unit and unit.quantity == target.quantity:
-            return scaled(cells, unit, target)
-    return cells
+    texts = (*stated_texts(column), *choice.source.units)
+    known = [unit for text in texts if (unit := unit_of(text, profile.stoich_afr))]
+    units = [unit for unit in known if target and unit.quantity == target.quantity]
+    if target is None or not units:
+        return cells
+    unit = units[0]
+    if unit.quantity == "pressure":  # a gauge's is counted from the air once, whoever says so
+        unit = replace(unit, offset=0.0 if choice.source.offset else max(u.offset for u in units))
+    return scaled(cells, unit, target)

@@ -22,6 +22,7 @@ Signals = Mapping[str, FloatArray]
 _PRESSURE: Final = "manifold_pressure_kpa"
 _PULSE: Final = "injector_pulse_width_ms"
 _RPM: Final = "engine_speed_rpm"
+_TRIM: Final = "lambda_correction_percent"
 
 
 class Derivation(NamedTuple):
@@ -34,7 +35,7 @@ class Derivation(NamedTuple):
 
 
 def _controller(s: Signals, _: ProfileEngine) -> FloatArray:
-    return 1.0 + s["lambda_correction_percent"] / 100.0
+    return 1.0 + s[_TRIM] / 100.0
 
 
 def _correction(s: Signals, _: ProfileEngine) -> FloatArray:
@@ -81,15 +82,8 @@ def _speed(s: Signals) -> FloatArray:
 
 # in the order of preference; a signal that a column carries is never derived
 DERIVATIONS: Final = (
-    Derivation(
-        "lambda_controller",
-        ("lambda_correction_percent",),
-        _controller,
-        "the correction in percent",
-    ),
-    Derivation(
-        "lambda_correction_percent", ("lambda_controller",), _correction, "the controller's factor"
-    ),
+    Derivation("lambda_controller", (_TRIM,), _controller, "the correction in percent"),
+    Derivation(_TRIM, ("lambda_controller",), _correction, "the controller's factor"),
     Derivation("fuel_cut", (_RPM,), _no_fuel, "a pulse width of 0, or low pressure at speed"),
     Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air flow and speed"),
     Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "the load in g per revolution"),

@@ -23,18 +23,18 @@ from monitor.frames.tables.cells import (
     of_unit,
     of_words,
 )
-from monitor.frames.tables.dialect import Dialect, dialect_of
+from monitor.frames.tables.dialect import Dialect, dialect_of, one_line
 from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
 _ROWS: Final = 1 << 13  # of a block
 MOST_NAMES: Final = 4096  # of a table with one value a row
-_LONG_NAME: Final = (
-    *("pid", "name", "signal", "parameter", "channel", "variable", "sensor", "field", "item"),
-    *("metric", "topic"),
+# usual names of the columns of a table with one value a row: of the name, the value and the unit
+_LONG: Final = (
+    "pid name signal parameter channel variable sensor field item metric topic",
+    "value wert reading valor valeur",
+    "units unit einheit uom unidad unité",
 )
-_LONG_VALUE: Final = ("value", "wert", "reading")
-_LONG_UNIT: Final = ("units", "unit", "einheit", "uom")
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
 
 
@@ -59,28 +59,25 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     None if the columns are others, or the names more than ``MOST_NAMES``.
     """
     places = {column.name.casefold(): i for i, column in enumerate(dialect.columns)}
-    name, value, unit = (
-        next((places[each] for each in words if each in places), None)
-        for words in (
-            [(each.casefold(),) for each in pivot]
-            if pivot
-            else (_LONG_NAME, _LONG_VALUE, _LONG_UNIT)
-        )
-    )
+    wanted = [(each.casefold(),) for each in pivot] if pivot else map(str.split, _LONG)
+    name, value, unit = (next((places[w] for w in words if w in places), None) for words in wanted)
     if name is None or value is None or dialect.columns[name].kind != "text":
         return None
-    units: dict[str, str] = {}
+    units, said = dict[str, str](), [""]  # names, repeats left out
     for line, row in _rows(path, dialect, 0, Notes()):
-        said = row[unit].strip() if unit is not None else ""
-        if (before := units.setdefault(row[name].strip(), said)) != said:
+        own = row[unit].strip() if unit is not None else ""
+        if (before := units.setdefault(row[name].strip(), own)) != own:
             raise RecordingError(
-                f"{path}: line {line}: {row[name]} in {said!r}, before in {before!r}"
+                f"{path}: line {line}: {row[name]} in {own!r}, before in {before!r}"
             )
         if len(units) > MOST_NAMES:
             return None
+        if len(said) <= len(units) and said[-1] != row[name]:
+            said.append(row[name])
     first = [i for i in range(len(dialect.columns)) if i not in (name, value, unit)]
     columns = (*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items()))
-    read = partial(_read_long, path, dialect, (*first, *units), name, value)
+    order = first[0] if first and len(said) == len(units) + 1 > 2 else None
+    read = partial(_read_long, path, dialect, (*first, *units), name, value, order)
     return RawTable(path, f"{dialect.kind}, one value a row", columns, read, dialect.preamble)
 
 
@@ -90,36 +87,37 @@ def _read_long(
     columns: Sequence[int | str],
     name: int,
     value: int,
+    order: int | None,
     wanted: Sequence[Wanted],
     notes: Notes,
 ) -> Iterator[FloatArray]:
-    """Yield blocks of a long table.
+    """Yield blocks of a long table, with one row for the values of one time.
 
     columns : of the raw table: a column's number, or one of the names
-    A file that holds one signal after the other is brought into the order of its first column.
+    order : the column that orders the rows of a file which holds one signal after the other
     """
     rows = _rows(path, dialect, value + 1, notes)
+    if order is not None:
+        at = _parser(dialect, Wanted(order))
+        rows = iter(sorted(rows, key=lambda numbered: at(numbered[1][order])))
     parse = partial(number, comma=True) if dialect.decimal_comma else number
     chosen = [columns[each.column] for each in wanted]
     plain = [
         (k, i, _parser(dialect, Wanted(i))) for k, i in enumerate(chosen) if isinstance(i, int)
     ]
     named = {each: [k for k, same in enumerate(chosen) if same == each] for each in chosen}
-    blocks, said = list[FloatArray](), list[str]()  # names in their order, repeats left out
     while block := list(islice(rows, _ROWS)):
-        cells = np.full((len(block), len(wanted)), np.nan)
-        for n, (_, row) in enumerate(block):
-            for k, i, each in plain:
-                cells[n, k] = each(row[i])
-            if at := named.get(row[name].strip()):
-                cells[n, at] = parse(row[value])
-            if said[-1:] != [row[name]]:
-                said.append(row[name])
-        blocks.append(cells)
-    if len(said) == len(set(said)) > 1 and wanted:
-        every = np.concatenate(blocks)
-        blocks = [every[np.argsort(every[:, 0], kind="stable")]]
-    yield from blocks
+        cells, n, before, here = np.full((len(block), len(wanted)), np.nan), -1, [""], set[str]()
+        for _, row in block:
+            said, times = row[name].strip(), [row[i] for _, i, _ in plain]
+            if n < 0 or said in here or times != before:
+                n, before, here = n + 1, times, set()
+                for k, i, each in plain:
+                    cells[n, k] = each(row[i])
+            here.add(said)
+            if places := named.get(said):
+                cells[n, places] = parse(row[value])
+        yield cells[: n + 1]
 
 
 def _read(
@@ -192,7 +190,6 @@ def _rows(
     width = len(dialect.columns)
     named = max((i for i, each in enumerate(dialect.columns, 1) if each.name), default=0)
     least = width if dialect.is_exact else max(least, named)
-    most = width if dialect.is_exact else csv.field_size_limit()
     with open_text(path, dialect.encoding, errors=dialect.errors) as text:
         reader = csv.reader(
             _ended_quotes(text, dialect.skip) if dialect.has_quotes else text,
@@ -204,7 +201,7 @@ def _rows(
         last_odd = 0
         try:
             for row in _data(reader, dialect, notes):
-                if least <= len(row) <= most:
+                if least <= len(row) and (len(row) == width or not dialect.is_exact):
                     yield reader.line_num, row
                 else:
                     cells, columns = counted(len(row), "cell"), counted(width, "column")
@@ -240,7 +237,7 @@ def _ended_quotes(text: Iterable[str], header: int) -> Iterator[str]:
 def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterator[list[str]]:
     """Yield the rows of data; marks and repeated headers are counted and left out."""
     width, skip = len(dialect.columns), dialect.skip
-    names = [column.name for column in dialect.columns[:2]]
+    names = [column.name for column in dialect.columns]
     for row in reader:
         is_blank = not row or (len(row) == 1 and not row[0].strip())
         if is_blank or (dialect.row and not dialect.row.match(row[0])):
@@ -251,7 +248,12 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
             yield row
         elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
             notes.count("markers")
-        elif len(row) >= width and [cell.strip() for cell in row[:2]] == names:
+        elif len(row) >= width and [cell.strip() for cell in row[:2]] == names[:2]:
+            pairs = zip(map(one_line, row), names, strict=False)
+            new = [cell for cell, name in pairs if cell and not f"{name}#".startswith(f"{cell}#")]
+            if new:
+                notes.sentences.append(f"read up to a header with other columns: {new[0]}, …")
+                return
             skip = dialect.below_names
             notes.count("repeated_headers")
         else:

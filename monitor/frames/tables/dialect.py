@@ -195,7 +195,7 @@ def _is_data(row: Sequence[str], *, comma: bool) -> bool:
 
 
 def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
-    header = [[_one_line(cell) for cell in layout.rows[row]] for row in layout.header]
+    header = [[one_line(cell) for cell in layout.rows[row]] for row in layout.header]
     units = _units_row(header)
     others = [row for row in header if row is not units]
     has_unit = [unit_of(cell, 1.0) is not None for cell in units or []]
@@ -263,7 +263,7 @@ def _column(
     return RawColumn(name, unit, kind, wraps_s, others)  # type: ignore[arg-type]
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Return a name without line ends and other characters that cannot be printed."""
     return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())
 

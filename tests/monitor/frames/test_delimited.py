@@ -72,6 +72,14 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
     assert notes.counts == {"markers": 1, "repeated_headers": 1}
 
 
+def test_a_header_with_other_columns_ends_the_table_and_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Time,RPM,A,B\n0,900,1,2\n1,910,1,2\nTime,RPM,B,A\n2,920,2,1\n")
+    found, notes = cells_of(open_delimited(path))
+    assert found[:, 2].tolist() == [1.0, 1.0]
+    assert notes.lines == ("read up to a header with other columns: B, …",)
+
+
 def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("# recorded by hand in May\n# Time  AFR\n  0.0 14.70  \n 10.5  9.81  \n")

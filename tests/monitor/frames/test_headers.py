@@ -270,8 +270,16 @@ def test_a_long_table_may_hold_one_signal_after_another(proposed: Proposed, tmp_
     )
     assert 3.9e9 <= table.t_ns[-1] - table.t_ns[0] < 4.1e9  # and not twice as long
     np.testing.assert_allclose(values(table, "lambda_measured")[-1], AFR[-1] / 14.7)
+    # AND values of one time are one row, whether they stand side by side or not
+    speeds = [f"{i / 10},RPM,{RPM[i]}\n" for i in ROWS]
+    lambdas = [f"{i / 10},AFR,{AFR[i]}\n" for i in ROWS]
+    path, profile = tmp_path / "drive.csv", tmp_path / "drive.toml"
+    for lines in (speeds + lambdas, sorted(speeds + lambdas)):
+        path.write_text("t,field,value\n" + "".join(lines))
+        table = read_table(path, profile)
+        np.testing.assert_allclose(table.t_ns, [1e8 * i for i in ROWS])
+        assert values(table, "engine_speed_rpm").tolist() == RPM
     # AND a signal keeps its unit
-    path = tmp_path / "drive.csv"
     path.write_text("t,pid,value,unit\n" + rows(lambda i: f"{i},Speed,{i},{'mph'[: 3 * i]}"))
     with pytest.raises(RecordingError, match="line 3: Speed in 'mph', before in ''"):
         read_table(path)

@@ -425,6 +425,27 @@ def test_a_profile_to_edit_does_not_take_phi_for_lambda(tmp_path: Path) -> None:
     assert any(line.startswith('# "Phi"') for line in lines)
 
 
+@pytest.mark.parametrize(
+    ("unit", "source"),
+    [
+        ("psi", 'unit = "psig"'),
+        ("psig", 'unit = "psi", offset = 101.325'),
+        ("psi gauge", 'unit = "kPa"'),
+    ],
+)
+def test_a_gauge_s_pressure_is_counted_from_the_air_once(
+    tmp_path: Path, unit: str, source: str
+) -> None:
+    # WHEN file, profile or both say that a pressure is a gauge's
+    gauge = (D["map_kpa"] - 101.325) / 6.894757
+    path, profile = tmp_path / "a.csv", tmp_path / "a.toml"
+    write_text_table(path, {"Time": D["t_s"], f"Boost ({unit})": gauge})
+    told = f'manifold_pressure_kpa = {{ column = "Boost", {source} }}'
+    profile.write_text(f'time = "Time"\n[signals]\n{told}\n')
+    # THEN the air's pressure is added once
+    np.testing.assert_allclose(read_table(path, profile).values[:, 0], D["map_kpa"], atol=0.02)
+
+
 def test_of_a_gauge_and_an_absolute_pressure_the_draft_takes_the_absolute(tmp_path: Path) -> None:
     gauge = (D["map_kpa"] - 101.3) / 6.894757
     cells = {"Time": D["t_s"], "Boost (psi)": gauge, "RPM": D["rpm"], "MAP (kPa)": D["map_kpa"]}
