@@ -12,7 +12,7 @@ from training.ecu_tables import parameters as laws
 from training.ecu_tables.parameters import Parameters, Point, Vector
 from training.ecu_tables.signals import PULSE, Air, TableDrive
 from training.greybox.chain import KG_H_PER_MG_RPM, Path, simulate
-from training.greybox.quantity.dual import Dual, moved, value_of
+from training.greybox.quantity.dual import Dual, value_of
 from training.greybox.quantity.dynamics import ramp_lag
 from training.greybox.quantity.value import Quantity, exp, maximum
 
@@ -66,12 +66,11 @@ def _pipe_s(flow: Quantity, volume: Quantity, period_s: float) -> Quantity:
     out = _passage_s(f, v, period_s)
     if not isinstance(volume, Dual):
         return out
-    by_volume = (_passage_s(f, v * (1.0 + STEP), period_s) - out) / (STEP * v)
-    by_flow = {
-        group: (_passage_s(f + STEP * slope, v, period_s) - out) / STEP
-        for group, slope in flow.slopes.items()
-    }
-    return Dual(out, by_flow) + moved(0.0, (volume, by_volume))
+    slopes = {}
+    for group in {**flow.slopes, **volume.slopes}:
+        by_flow, by_volume = (STEP * each.slopes.get(group, 0.0) for each in (flow, volume))
+        slopes[group] = (_passage_s(f + by_flow, v + by_volume, period_s) - out) / STEP
+    return Dual(out, slopes)
 
 
 def _passage_s(flow: FloatArray, volume: FloatArray, period_s: float) -> FloatArray:

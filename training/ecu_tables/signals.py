@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 from scipy.constants import zero_Celsius
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import morphological_gradient
 from scipy.signal import savgol_filter
 
 from monitor.base.errors import RecordingError, UsageError
@@ -22,6 +22,7 @@ from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.grid.column_times import interval
 from training.ecu_tables.config import defaults
 from training.greybox.chain import CYLINDERS, KG_H_PER_MG_RPM
+from training.greybox.quantity.dynamics import delayed
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
@@ -229,7 +230,7 @@ def _drive(
         usable=usable,
         rejected={why: int((first == k).sum()) for k, why in enumerate(rejected)},
         move=_range(hold(phi), round(ACROSS_S / period_s)),
-        air_move=_before(_range(np.log(raw), half), half),
+        air_move=delayed(_range(np.log(raw), half), half),
     )
 
 
@@ -269,11 +270,5 @@ def _smooth(values: FloatArray, samples: float) -> FloatArray:
     return np.asarray(savgol_filter(values, samples, 2, mode="nearest"))
 
 
-def _before(values: FloatArray, samples: int) -> FloatArray:
-    """Return the values of so many samples ago."""
-    return np.concatenate([np.full(samples, values[0]), values])[: len(values)]
-
-
 def _range(values: FloatArray, half: int) -> FloatArray:
-    size = 2 * half + 1
-    return np.asarray(maximum_filter1d(values, size) - minimum_filter1d(values, size))
+    return np.asarray(morphological_gradient(values, (2 * half + 1,)))

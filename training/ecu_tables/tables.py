@@ -7,6 +7,7 @@ table that stands in the settings: it was set on simulated vehicles of its own.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Parameters, Point, Vector
 from training.ecu_tables.signals import PULSE, RPM_LEAST, WARM_DEGC
-from training.greybox.quantity.value import Quantity, log
+from training.greybox.quantity.value import Quantity, exp, log
 from training.recordings.ecu_table import (
     COOLANT_BANDS,
     MG_PER_STROKE,
@@ -28,8 +29,7 @@ from training.recordings.ecu_table import (
     TableAxes,
 )
 
-Cells = Callable[[Vector], Quantity]  # parameters → each cell on its free scale
-LAWS: Final[Mapping[str, Callable[[Vector, Point], Quantity]]] = {  # of each table
+LAWS: Final[Mapping[str, Callable[..., Quantity]]] = {  # of each table, by Vector and Point
     "lambda_delay": laws.delay_s,
     "lambda_lag": lambda v, at: sum(laws.lags_s(v, at)),
     "wall_film_fraction": laws.film_odds,
@@ -78,7 +78,7 @@ class _Law(NamedTuple):
     name: str
     unit: str
     axes: tuple[Axis, ...]
-    cells: Cells
+    value: Callable[[Vector], Quantity]  # of each cell; its log odds or level, of a film
     at: IntArray | tuple[IntArray, ...]
     counted: BoolArray | None = None
     coolant: CoolantBand | None = None
@@ -98,12 +98,14 @@ class _Cells(NamedTuple):
 def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[EcuTable]:
     """Return all tables that the vehicle's signals allow."""
     fits = [(f, CellSamples(f)) for f in (fitted, *fitted.alone)]
-    made = []
+    made = list[EcuTable]()
     for of_all in zip(*(_laws(f.parameters, samples, axes) for f, samples in fits), strict=True):
         pairs = zip(of_all, fits, strict=True)
         whole, *logs = (_cells(law, *seen, config) for law, seen in pairs)
-        made.append(_table(of_all[0], whole, logs, config))
-    return [*_without_film(made), _in_cycles(made[0])]
+        is_time = of_all[0].name == "wall_film_time"  # of the film before it
+        dry = ~(made[-1].low > FILM_LEAST).ravel() if is_time else np.zeros(1, dtype=bool)
+        made.append(_table(of_all[0], whole, logs, config, dry))
+    return [*made, _in_cycles(made[0])]
 
 
 def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
@@ -112,13 +114,8 @@ def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
     nodes = _nodes(p, axes, samples, at)
 
     def law(name: str, unit: str, cold: float, *counted: Any) -> _Law:
-        point = nodes._replace(cold=np.full(len(nodes.rpm), cold))
-
-        def cells(v: Vector) -> Quantity:
-            value = LAWS[name](v, point)
-            return value if name in LINKS else log(value)
-
-        return _Law(name, unit, (axes.speed, axes.load), cells, at, *counted)
+        value = partial(LAWS[name], at=nodes._replace(cold=np.full(len(nodes.rpm), cold)))
+        return _Law(name, unit, (axes.speed, axes.load), value, at, *counted)
 
     made = [law("lambda_delay", "s", 0.0), law("lambda_lag", "s", 0.0)]
     known = "coolant_temperature_degc" in p.subject.known
@@ -128,7 +125,7 @@ def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
         made.append(law("wall_film_fraction", "-", cold, inside, band))
         made.append(law("wall_film_time", "s", cold, inside, band))
     flow, at_flow = np.asarray(axes.exhaust_flow.values), axes.exhaust_flow.nearest(samples.flow)
-    of_flow = lambda v: log(laws.sensor_s(v, flow))  # noqa: E731
+    of_flow = partial(laws.sensor_s, flow_kg_h=flow)
     lag = _Law("sensor_lag", "s", (axes.exhaust_flow,), of_flow, (at_flow,))
     return [*made, *_of_injectors(p, axes, samples), lag]
 
@@ -139,12 +136,11 @@ def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[
         return []
     volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
     known = np.full(len(at), "battery_voltage_v" in p.subject.known)
-    of_volts = lambda v: log(laws.dead_ms(v, volts))  # noqa: E731
+    of_volts = partial(laws.dead_ms, volts=volts)
     dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
     pressure = axes.pressure(direct="rail_pressure_mpa" in p.subject.known)
-    flow = _Law(
-        "injector_flow_scale", "mg/ms", (pressure,), lambda v: v["flow"] + np.zeros(1), (0 * at,)
-    )
+    mg_ms = lambda v: exp(v["flow"] + np.zeros(1))  # noqa: E731
+    flow = _Law("injector_flow_scale", "mg/ms", (pressure,), mg_ms, (0 * at,))
     return [dead, flow] if p.subject.absolute_air else [dead]
 
 
@@ -170,7 +166,8 @@ def _cells(law: _Law, fitted: FittedTables, seen: CellSamples, config: TablesCon
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], seen.seconds[chosen], minlength=len(number))
     factor = config.widening[fitted.parameters.subject.air.kind][law.name]
-    free = law.cells(Vector(fitted.parameters, fitted.x, moving=True))
+    value = law.value(Vector(fitted.parameters, fitted.x, moving=True))
+    free = value if law.name in LINKS else log(value)
     slopes = fitted.parameters.jacobian(free)
     squares = np.einsum("ij,jk,ik->i", slopes, fitted.covariance, slopes)
     variance = np.maximum(squares, 0.0) * factor**2
@@ -198,11 +195,15 @@ def between_logs(whole: _Cells, logs: Sequence[_Cells], least_s: float) -> Float
     return np.maximum(np.maximum(own, excess.sum() / max(float(weight.sum()), least)), 0.0)
 
 
-def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfig) -> EcuTable:
+def _table(
+    law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfig, dry: BoolArray
+) -> EcuTable:
     """Return a table; bounds are symmetric on the free scale: the logarithm, for a film without the
     limits that the law sets to its value.
 
     A delay that is known as a ratio, but not within what an ECU can use, is blank, too.
+
+    dry : where there may be no film to evaporate, (n_cells,) or (1,) for all
     """
     link = LINKS.get(law.name, np.exp)
     value = link(whole.free)
@@ -220,6 +221,7 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
         f"less than {config.least_s:g} s": whole.seconds < config.least_s,
         "the interval is too wide": wide(alike),
         "the logs disagree": wide(half),
+        "there may be no film": np.broadcast_to(dry, value.shape),
     }
     kept = ~np.any(list(blank.values()), axis=0)
     first = np.argmax([*blank.values(), kept], axis=0)
@@ -244,25 +246,8 @@ def _table(law: _Law, whole: _Cells, logs: Sequence[_Cells], config: TablesConfi
     )
 
 
-def _without_film(made: Sequence[EcuTable]) -> list[EcuTable]:
-    """Return the tables with blank film times where there may be no film to evaporate."""
-    wet = {t.coolant: t.low > FILM_LEAST for t in made if t.name == "wall_film_fraction"}
-    return [_masked(t, wet[t.coolant]) if t.name == "wall_film_time" else t for t in made]
-
-
-def _masked(table: EcuTable, kept: BoolArray) -> EcuTable:
-    """Return the table with blank cells where it is not kept."""
-    dry = int((np.isfinite(table.estimate) & ~kept).sum())
-    blank = {**table.blank, "there may be no film": dry}
-    return _scaled(replace(table, blank=blank), np.where(kept, 1.0, np.nan))
-
-
 def _in_cycles(delay: EcuTable) -> EcuTable:
     """Return the delay in engine cycles of two revolutions."""
     per_s = np.asarray(delay.axes[0].values)[:, None] / 120.0
-    return _scaled(replace(delay, name="lambda_delay_cycles", unit="cycles"), per_s)
-
-
-def _scaled(table: EcuTable, by: FloatArray) -> EcuTable:
-    values = {name: getattr(table, name) * by for name in ("estimate", "low", "high")}
-    return replace(table, **values)
+    values = {name: getattr(delay, name) * per_s for name in ("estimate", "low", "high")}
+    return replace(delay, name="lambda_delay_cycles", unit="cycles", **values)

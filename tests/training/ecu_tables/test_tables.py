@@ -344,7 +344,8 @@ def cell(name: str, whole: _Cells, *logs: _Cells) -> EcuTable:
         share = np.exp(whole.free)
         whole = whole._replace(free=np.log(share / (SHARE_MOST - share)))
     axis = axes_of("manifold_pressure_kpa", (800.0,), (30.0,))
-    return _table(_Law(name, "-", (axis.speed, axis.load), np.exp, ()), whole, logs, defaults())
+    law = _Law(name, "-", (axis.speed, axis.load), np.exp, ())
+    return _table(law, whole, logs, defaults(), np.zeros(1, dtype=bool))
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Final
 
 from monitor.base.errors import UsageError
+from monitor.base.foreign import ForeignError, returned
 from training.greybox.effects import air, exhaust, fuel
 from training.greybox.effects.effect import Effect, Parameter
 
@@ -44,11 +45,9 @@ def origins() -> dict[str, str]:
 
 def _loaded(plugin: EntryPoint) -> Effect:
     try:
-        found = plugin.load()
-    except Exception as error:  # of somebody else's code
-        raise UsageError(f"the effect {plugin.value} fails: {error or type(error)}") from error
-    if not isinstance(found, Effect):
-        raise UsageError(f"the effect {plugin.value} is no Effect but {type(found).__name__}")
+        found = returned(f"the effect {plugin.value}", plugin.load, Effect)
+    except ForeignError as error:
+        raise UsageError(str(error)) from error
     if found.name != plugin.name:
         raise UsageError(
             f"the effect {plugin.value} is called {found.name}, its entry point {plugin.name}"
