@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
-from training.greybox.fit.constants import sandwich
+from training.greybox.fit.constants import sandwich, with_errors
 from training.greybox.fit.drive import block_numbers, until
 from training.recordings.samples.rows import hold
 
@@ -152,18 +152,10 @@ class FittedCatalyst:
 
     def tree(self) -> dict[str, Any]:
         """Return the content of the file."""
-        rows = {
-            name: {
-                "value": float(getattr(self.constants, name)),
-                "standard_error": float(getattr(self.errors, name)),
-                "unit": RANGES[name].unit,
-                "at_bound": name in self.at_bound,
-            }
-            for name in NAMES
-        }
+        rows = with_errors(self.constants, self.errors, RANGES)
         return {
             "schema": SCHEMA,
-            "constants": rows,
+            "constants": {n: row | {"at_bound": n in self.at_bound} for n, row in rows.items()},
             "rmse_v": self.rmse_v,
             "samples": self.samples,
             "recordings": list(self.recordings),

@@ -15,7 +15,7 @@ Marx, Statistical Science 11, 1996).
 So one linear regression on lagged columns of the chain, one per knot, gives a map's values.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Self
 
@@ -25,7 +25,7 @@ from scipy.constants import zero_Celsius
 from monitor.base.types import FloatArray
 from training.greybox.chain import STOICHIOMETRIC, Constants, Path, base_path, charge_mg, simulate
 from training.greybox.fit import ridge
-from training.greybox.fit.constants import STARTS, Fitted, Report, fit_constants, nobody, part
+from training.greybox.fit.constants import Fitted, Report, fit_constants, nobody, part
 from training.greybox.fit.drive import BLOCK_S, FOLDS, ChainDrive, path_of
 from training.greybox.quantity.dynamics import lag
 from training.greybox.quantity.value import Quantity, bilinear, cells, clip, knots_over, maximum
@@ -104,45 +104,43 @@ def dense_mg(signals: Mapping[str, Quantity]) -> Quantity:
     return MG_K_PER_KPA * signals["manifold_pressure_kpa"] / kelvin
 
 
-def with_charge(drive: ChainDrive, air_mg: FloatArray) -> ChainDrive:
-    """Return the drive with this charge (n,) in mg per stroke."""
+Charge = ChargeMap | ChargeError
+KINDS: Final[Mapping[str, type[Charge]]] = {"charge_map": ChargeMap, "charge_error": ChargeError}
+
+
+def has_own_charge(signals: Collection[str]) -> bool:
+    """Return whether the chain makes its own charge: from density, without air per stroke."""
+    return "air_mass_mg" not in signals and set(INPUTS) <= set(signals)
+
+
+def with_charge(drive: ChainDrive, charge: Charge | None) -> ChainDrive:
+    """Return the drive with this charge, as it is without one."""
+    if charge is None:
+        return drive
+    air_mg = charge.air_mass_mg(drive.signals, drive.period_s)
     return replace(drive, signals={**drive.signals, "air_mass_mg": air_mg})
 
 
-def fit_with_map(drive: ChainDrive, report: Report = nobody) -> tuple[Fitted, ChargeMap]:
-    """Return the constants and the charge map with which the chain reads a drive best.
+def fit_with_charge(drive: ChainDrive, report: Report = nobody) -> tuple[Fitted, Charge | None]:
+    """Return the constants and the charge with which the chain reads a drive best.
 
-    Both are fitted in turn: the map for a gain of 1, then the gain with its standard error.
+    Both are fitted in turn. A chain that makes its own charge has a map for a gain of 1, then the
+    gain with its standard error. A broadcast charge has an error, None if it does not reduce the
+    error on held-out blocks. That of an air meter stays as it is.
     Raises RecordingError if too few samples count.
     """
-    charge_map, starts = _flat(drive), list(STARTS)
-    for k in range(1 + MAP_ROUNDS):
-        known = with_charge(drive, charge_map.air_mass_mg(drive.signals))
-        own = part(report, k / (1 + MAP_ROUNDS), (k + 1) / (1 + MAP_ROUNDS))
-        fitted = fit_constants(known, starts, own)
-        starts = [fitted.constants]
-        if k < MAP_ROUNDS:
-            charge_map = _refitted(charge_map, fitted.constants, drive)
-    return fitted, charge_map
-
-
-def fit_with_error(drive: ChainDrive, report: Report = nobody) -> tuple[Fitted, ChargeError | None]:
-    """Return the constants and the charge's error with which the chain reads a drive best.
-
-    The error is None if it does not reduce the error on held-out blocks.
-    Raises RecordingError if too few samples count.
-    """
-    share = 1.0 / (1 + ERROR_ROUNDS)
-    fitted = alone = fit_constants(drive, report=part(report, 0.0, share))
-    error = None
-    for k in range(1, 1 + ERROR_ROUNDS):
-        error = _error(fitted.constants, drive)
-        if error is None:
+    charge: Charge | None = _flat(drive) if has_own_charge(drive.signals) else None
+    rounds = MAP_ROUNDS if charge else ERROR_ROUNDS if "air_mass_mg" in drive.signals else 0
+    share = 1.0 / (1 + rounds)
+    fitted = alone = fit_constants(with_charge(drive, charge), report=part(report, 0.0, share))
+    for k in range(1, 1 + rounds):
+        of = fitted.constants, drive
+        charge = _refitted(charge, *of) if isinstance(charge, ChargeMap) else _error(*of)
+        if charge is None:
             return alone, None
-        right = with_charge(drive, error.air_mass_mg(drive.signals, drive.period_s))
         own = part(report, k * share, (k + 1) * share)
-        fitted = fit_constants(right, [fitted.constants], own)
-    return fitted, error
+        fitted = fit_constants(with_charge(drive, charge), [fitted.constants], own)
+    return fitted, charge
 
 
 def _flat(drive: ChainDrive) -> ChargeMap:

@@ -1,10 +1,10 @@
 """From recordings to a grey-box model file: prepare, fit the constants, export, check."""
 
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,16 +14,9 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from training.greybox.chain import RANGES, RECOVERY_S, Constants, inputs_of
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
-from training.greybox.charge import fit_with_error, fit_with_map
+from training.greybox.charge import fit_with_charge, has_own_charge
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.constants import (
-    Fitted,
-    Report,
-    described,
-    fit_constants,
-    nobody,
-    reference,
-)
+from training.greybox.fit.constants import Fitted, Report, described, nobody, reference
 from training.greybox.fit.drive import ChainDrive, until
 from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, build
@@ -78,7 +71,7 @@ def fit_greybox(
     limits = {each.name: with_margin(each.name, each.minimum, each.maximum) for each in data.inputs}
     period_s = data.period_ns / 1e9
     greybox = Greybox(constants=Constants(), limits=from_fuel_cut(limits), period_s=period_s)
-    signals = greybox.signals(u)
+    signals = greybox.seen(dict(zip(data.names, u.T, strict=True)))
     drive = ChainDrive(
         name="",
         period_s=period_s,
@@ -94,14 +87,8 @@ def fit_greybox(
         return fit_greybox(
             recordings, out, inputs=wider, output=output, seed=seed, progress=progress
         )
-    charge: dict[str, Any] = {}
-    if has_own_charge(inputs):
-        fitted, charge["charge_map"] = fit_with_map(drive, progress)
-    elif "air_mass_mg" in inputs:
-        fitted, charge["charge_error"] = fit_with_error(drive, progress)
-    else:
-        fitted = fit_constants(drive, report=progress)
-    greybox = replace(greybox, constants=fitted.constants, own=own, **charge)
+    fitted, charge = fit_with_charge(drive, progress)
+    greybox = replace(greybox, constants=fitted.constants, own=own, charge=charge)
     predicted = _free_run(data, u, greybox)
     card = _card(greybox, fitted, data, predicted)
     write(out, build(greybox), card)
@@ -126,11 +113,6 @@ def _further_inputs(
     wanted = dict.fromkeys(name for each in own for name in each.effect.signals_of(common))
     present = {*inputs, "engine_speed_rpm"}  # the chain computes a speed that is not broadcast
     return [name for name in wanted if name not in present]
-
-
-def has_own_charge(inputs: Collection[str]) -> bool:
-    """Return whether the chain makes its own charge: from density, without air per stroke."""
-    return "air_mass_mg" not in inputs and set(CHARGE_INPUTS) <= set(inputs)
 
 
 def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:

@@ -12,6 +12,7 @@ from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.greybox.chain import Constants, simulate
+from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.fit.drive import OUTPUT, ChainDrive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import Greybox
@@ -52,7 +53,7 @@ def constants_of(card: ModelCard) -> Constants:
 
 def own_charge(card: ModelCard) -> bool:
     """Return whether the model makes the air per stroke of other signals."""
-    return card.kind == GREYBOX and Greybox.of(card).charge_map is not None
+    return card.kind == GREYBOX and isinstance(Greybox.of(card).charge, ChargeMap)
 
 
 def drives_of(
@@ -94,10 +95,10 @@ def plain_drives_of(
     if card.kind != GREYBOX:
         return [from_recording(each) for each in recordings]
     chain = Greybox.of(card)
-    if healthy and not _fitted_to(card, healthy):
-        chain = replace(chain, charge_error=None)
+    meter_s = chain.charge.time_s if isinstance(chain.charge, ChargeError) else None
+    if meter_s and healthy and not _fitted_to(card, healthy):
+        chain, meter_s = replace(chain, charge=None), None
     made = [_made(each, chain) for each in recordings]
-    meter_s = chain.charge_error.time_s if chain.charge_error else None
     return [
         replace(from_recording(each, own), charged=bool(own), meter_s=meter_s)
         for each, own in zip(recordings, made, strict=True)
@@ -118,10 +119,10 @@ def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:
 
     NaN where one of those that it makes them of was not measured.
     """
-    if chain.charge_map is None and chain.charge_error is None:
+    if chain.charge is None:
         return {}
-    inputs = [recording.column(name) for name in chain.inputs]
-    measured = np.isfinite(inputs).all(axis=0)
-    signals = chain.signals(np.stack([hold(values) for values in inputs], axis=1))
+    inputs = {name: recording.column(name) for name in chain.inputs}
+    measured = np.isfinite([*inputs.values()]).all(axis=0)
+    signals = chain.seen({name: hold(values) for name, values in inputs.items()})
     wanted = ["air_mass_mg", *({"engine_speed_rpm"} - set(chain.inputs))]
     return {name: np.where(measured, signals[name], np.nan) for name in wanted}

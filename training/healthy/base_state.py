@@ -9,7 +9,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
-from training.greybox.fit.case import WHITE, Case, Prior, Shrink, errors, predict, shrink
+from training.greybox.fit.case import WHITE, Case, Shrink, errors, predict, shrink
 from training.greybox.fit.constants import STARTS
 from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
 from training.greybox.fit.joint import JointFit, fit
@@ -71,7 +71,7 @@ def base_state(
     if known:
         drives = _where_known(drives, known)
     # The base holds: what shifted for good is for the candidates to explain.
-    prior = None if base is None else Prior(base, SPREAD_CARD)
+    prior = None if base is None else (base, SPREAD_CARD)
     starts = STARTS[:3] if base is None else (base,)  # none of a slow, weak sensor
     made = [known.columns(drive) for drive in drives] if known else []
     learned = [known.learned(own) for own in made] if known else [np.zeros(len(d)) for d in drives]

@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.chain import Constants, Path, simulate
-from training.greybox.charge import ChargeError, fit_with_error, with_charge
+from training.greybox.charge import ChargeError, fit_with_charge, with_charge
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import Effects
 from training.greybox.fit import ridge
@@ -196,8 +196,7 @@ def charged(drive: ChainDrive, error: ChargeError | None) -> ChainDrive:
     """Return the drive with the right air per stroke, if it is still as broadcast."""
     if error is None or drive.charged:
         return drive
-    right = with_charge(drive, error.air_mass_mg(drive.signals, drive.period_s))
-    return replace(right, charged=True, meter_s=error.time_s)
+    return replace(with_charge(drive, error), charged=True, meter_s=error.time_s)
 
 
 def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
@@ -205,7 +204,8 @@ def _charge_error(drives: Sequence[ChainDrive]) -> ChargeError | None:
     if any(drive.charged for drive in drives):
         return None
     whole = joined([replace(d, phi_measured=d.phi_measured - d.moved_phi) for d in drives])
-    return fit_with_error(replace(whole, own=own_of(whole)))[1]
+    _, error = fit_with_charge(replace(whole, own=own_of(whole)))
+    return error if isinstance(error, ChargeError) else None
 
 
 def _chain(

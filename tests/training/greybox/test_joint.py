@@ -8,7 +8,7 @@ import pytest
 from tests.helpers.gap.gap_drives import BASE, PERIOD_S, case_of, noisy_drive, plain_signals
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.effects import LIBRARY
-from training.greybox.fit.case import Prior, plain_errors, predict
+from training.greybox.fit.case import plain_errors, predict
 from training.greybox.fit.drive import make
 from training.greybox.fit.joint import fit, held_out, held_out_rmse
 
@@ -33,7 +33,7 @@ def test_an_effect_is_found_with_its_constant_within_its_standard_errors() -> No
 def test_a_prior_holds_the_base_where_the_data_would_move_it() -> None:
     drive = noisy_drive(1)
     reference = BASE._replace(gain=1.02)
-    tight = Prior(reference, Constants(*(1e-6,) * 6))
+    tight = (reference, Constants(*(1e-6,) * 6))
     held = fit(replace(case_of(drive), prior=tight), (), [reference])
     assert held.base.gain == pytest.approx(1.02, abs=1e-4)
     assert fit(case_of(drive), (), [reference]).base.gain == pytest.approx(1.01, abs=1e-3)

@@ -13,7 +13,7 @@ from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.gap.verify.verification import Fold, verify
 from training.greybox.chain import RECOVERY_S, base_path, simulate
-from training.greybox.charge import INPUTS
+from training.greybox.charge import INPUTS, ChargeMap
 from training.greybox.fit.constants import reference
 from training.greybox.fit.drive import until
 from training.greybox.graph.chain_graph import Greybox, build
@@ -203,8 +203,11 @@ def test_the_error_of_the_broadcast_charge_is_most_of_what_the_chain_misses(
     on = ~until(u[:, 0] <= 0.0, RECOVERY_S, PERIOD_S) & (np.arange(len(u)) > 50) & np.isfinite(phi)
     # WHEN the chain runs on the charge as it is broadcast, and less its error
     rmse = []
-    for chain in (replace(result.greybox, charge_error=None), result.greybox):
-        run = simulate(base_path(chain.constants, chain.signals(u)), PERIOD_S)
+    for chain in (replace(result.greybox, charge=None), result.greybox):
+        run = simulate(
+            base_path(chain.constants, chain.seen(dict(zip(chain.inputs, u.T, strict=True)))),
+            PERIOD_S,
+        )
         rmse.append(float(np.sqrt(np.mean((run - phi)[on] ** 2))))
     # THEN it misses half as much, about as with a charge of its own from manifold pressure
     assert rmse[1] < 0.6 * rmse[0]
@@ -217,7 +220,7 @@ def test_a_chain_with_its_own_charge_finds_gain_and_span(dense: GreyboxResult) -
     assert dense.card.fit["test_enabled"]["correlation"] > 0.95
     found, gain = dense.fitted.constants, vehicle.piece(VEHICLE).sensor_gain
     assert (found.gain, found.span) == (pytest.approx(1.0, 1e-3), pytest.approx(gain, abs=0.02))
-    assert dense.greybox.charge_map is not None
+    assert isinstance(dense.greybox.charge, ChargeMap)
 
 
 @pytest.mark.parametrize("chain", ["result", "dense"])

@@ -146,8 +146,8 @@ def test_a_model_fitted_to_drives_with_the_effect_gets_the_charge_of_healthy_one
     assert found.addition.path is not None
     new = Greybox.of(Model.load(found.addition.path).card)
     assert known.charge is not None
-    assert new.charge_error is not None
-    assert new.charge_error.to_card() == known.charge.to_card()
+    assert new.charge is not None
+    assert new.charge.to_card() == known.charge.to_card()
     # AND a recording that no fit saw is predicted far better
     before, after, _, _ = found.rmse
     assert after is not None

@@ -11,7 +11,7 @@ from monitor.base.errors import ModelError
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import Model
 from training.greybox.chain import Constants
-from training.greybox.charge import ChargeError
+from training.greybox.charge import Charge
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
 from training.greybox.fit.drive import ChainDrive
@@ -30,13 +30,13 @@ class ChainVehicle:
 
     constants: Constants
     own: tuple[ModelEffect, ...] = ()  # what it has beside them
-    charge_error: ChargeError | None = None
+    charge: Charge | None = None
 
     @classmethod
     def of(cls, known: Healthy, model: Greybox, drives: Sequence[ChainDrive]) -> "ChainVehicle":
         """Return the vehicle, with the model's charge if ``drives`` have it."""
         charged = any(drive.charged for drive in drives)
-        return cls(known.base, known.own, model.charge_error if charged else known.charge)
+        return cls(known.base, known.own, model.charge if charged else known.charge)
 
 
 def add(
@@ -62,9 +62,7 @@ def add(
     old = Greybox.of(card)
     added = [seeing(each, old.inputs, ranges) for each in added]
     if vehicle is not None:
-        old = replace(
-            old, constants=vehicle.constants, own=vehicle.own, charge_error=vehicle.charge_error
-        )
+        old = replace(old, constants=vehicle.constants, own=vehicle.own, charge=vehicle.charge)
     greybox = _extended(old, added, ranges)
     entries = [each.to_card(recordings) for each in added]
     card = _card(card, greybox, entries, ranges, recordings)

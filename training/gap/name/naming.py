@@ -21,7 +21,7 @@ from training.gap.name.steps import Advance, advance
 from training.gap.name.verdict import Answer, Base, BlockError, Candidate, Naming, Round, Trials
 from training.greybox.chain import Constants
 from training.greybox.effects import LIBRARY, Effect
-from training.greybox.fit.case import Case, Prior, Term
+from training.greybox.fit.case import Case, Term
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import fit, held_out_rmse
 from training.greybox.fit.sensor_faults import FAULTS
@@ -177,7 +177,7 @@ def _base(first: BaseState, last: BaseState, reference: Constants | None) -> Bas
     """Return the constants under the effects, and how far the base alone left its reference."""
     if reference is None:
         return Base(last.current.base, None, None)
-    free = replace(first.case, prior=Prior(reference, FREE), fixed=None)
+    free = replace(first.case, prior=(reference, FREE), fixed=None)
     alone = fit(free, (), [first.current])
     shift = Constants(*(np.array(alone.base) - np.array(reference)).tolist())
     return Base(last.current.base, reference, shift)

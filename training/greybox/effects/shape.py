@@ -7,9 +7,11 @@ import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from monitor.base.counts import plain
 from training.greybox.effects.effect import Parameter, Place, Values
-from training.greybox.quantity.value import Quantity, clip, exp, maximum, minimum, tanh
+from training.greybox.quantity.value import Quantity, clip, exp, linear, maximum, minimum, tanh
 
 FARTHEST: Final = 3.0  # |u| beyond which a line goes on level
 NEAR: Final = 1.5  # |u| beyond which an exponential goes on level
@@ -67,13 +69,7 @@ def _says_line(values: Values, over: ScaledSignal, unit: str) -> str:
 
 
 def _curve(place: Place, u: Quantity, values: Values) -> Quantity:
-    inside = clip(u, KNOTS[0], KNOTS[-1])
-    apart = KNOTS[1] - KNOTS[0]
-    total: Quantity = 0.0
-    for knot, value in zip(KNOTS, values, strict=True):
-        away = maximum(inside - knot, knot - inside)
-        total = maximum(1.0 - away * (1.0 / apart), 0.0) * value + total
-    return total
+    return linear(u, np.array(KNOTS), np.array(values))
 
 
 def _says_curve(values: Values, over: ScaledSignal, unit: str) -> str:

@@ -48,14 +48,6 @@ def shrink(scaled: FloatArray) -> Shrink:
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
-    """Expected constants of the chain."""
-
-    mean: Constants
-    spread: Constants  # standard deviation
-
-
-@dataclass(frozen=True, slots=True)
 class Case:
     """Drives to explain and everything that a fit needs beside its starting values."""
 
@@ -63,7 +55,7 @@ class Case:
     corrections: tuple[FloatArray, ...]  # per drive (n,) in phi: error of the base when healthy
     ar: tuple[float, float] = (0.0, 0.0)  # autoregression of the noise, newest first
     sigma: float = 1.0  # of the whitened noise, in phi
-    prior: Prior | None = None
+    prior: tuple[Constants, Constants] | None = None  # of the base: mean, standard deviation
     fixed: Constants | None = None  # of the base; a fit then moves the terms' parameters only
     shrinks: tuple[Shrink, ...] = ()  # per drive; empty if the variation of drives is unknown
     scales: tuple[float, ...] = ()  # per drive, of its errors, in sigma; empty if all are 1

@@ -7,7 +7,7 @@ autoregression, fitted in turn with the constants (Söderström and Stoica, Syst
 1989, sections 7.4 and 10.3).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -127,10 +127,9 @@ def fit_constants(
 
 def _place(base: Constants) -> tuple[float, ...]:
     """Return the constants to a thousandth of their ranges, the shorter lag first."""
-    ordered = base._replace(
-        mixing_s=min(base.mixing_s, base.sensor_s), sensor_s=max(base.mixing_s, base.sensor_s)
-    )
-    return tuple(np.round((np.array(ordered) - LOW) / (HIGH - LOW), PLACE_DIGITS).tolist())
+    short, long = sorted((base.mixing_s, base.sensor_s))
+    ordered = np.array(base._replace(mixing_s=short, sensor_s=long))
+    return tuple(np.round((ordered - LOW) / (HIGH - LOW), PLACE_DIGITS).tolist())
 
 
 def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> FloatArray:
@@ -155,8 +154,9 @@ def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> F
 def described(fitted: Fitted) -> dict[str, Any]:
     """Return the constants for a card: value, unit, bounds and standard error of each."""
     bounds = {name: {"low": each.low, "high": each.high} for name, each in RANGES.items()}
+    each = with_errors(fitted.constants, fitted.standard_errors, RANGES)
     return {
-        "constants": {name: one | bounds[name] for name, one in _each(fitted).items()},
+        "constants": {name: one | bounds[name] for name, one in each.items()},
         "covariance": fitted.covariance.tolist(),
         "standard_errors": STANDARD_ERRORS,
         "fixed": {
@@ -187,13 +187,15 @@ def reference(fitted: Fitted) -> dict[str, Any]:
         error = float(np.sqrt(max(np.dot(w, fitted.covariance) @ w, 0.0)))
         value = float(np.dot(w, fitted.constants))
         derived[name] = {"value": value, "standard_error": error, "unit": "s"}
-    return {"constants": _each(fitted), "derived": derived, "standard_errors": STANDARD_ERRORS}
+    each = with_errors(fitted.constants, fitted.standard_errors, RANGES)
+    return {"constants": each, "derived": derived, "standard_errors": STANDARD_ERRORS}
 
 
-def _each(fitted: Fitted) -> dict[str, dict[str, Any]]:
+def with_errors(
+    values: Sequence[float], errors: Sequence[float], ranges: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Return each constant of ``ranges`` for a file: value, standard error and unit."""
     return {
-        name: {"value": value, "standard_error": error, "unit": RANGES[name].unit}
-        for name, value, error in zip(
-            Constants._fields, fitted.constants, fitted.standard_errors, strict=True
-        )
+        name: {"value": value, "standard_error": error, "unit": range_.unit}
+        for (name, range_), value, error in zip(ranges.items(), values, errors, strict=True)
     }

@@ -13,7 +13,7 @@ from monitor.base.types import FloatArray, IntArray
 from training.greybox.chain import RANGES, Constants
 from training.greybox.effects import Effect, Parameter
 from training.greybox.effects.model_effect import Effects, ModelEffect
-from training.greybox.fit.case import Case, Prior, Term, judged, plain_errors, predict, white
+from training.greybox.fit.case import Case, Term, judged, plain_errors, predict, white
 from training.greybox.fit.drive import FOLDS
 
 LOW: Final = np.array([RANGES[name].low for name in Constants._fields])
@@ -136,9 +136,9 @@ class ParameterLayout:
     @cached_property
     def _expected(self) -> tuple[FloatArray, FloatArray]:
         """Mean and spread of the constants, infinite where any value may be."""
-        prior = self.case.prior or Prior(Constants(), Constants(*np.full(len(LOW), np.inf)))
-        mean = self.of_each(prior.mean, lambda p: p.start[0])
-        return mean, self.of_each(prior.spread, lambda p: p.spread or np.inf)
+        mean, spread = self.case.prior or (Constants(), np.full(len(LOW), np.inf))
+        means = self.of_each(mean, lambda p: p.start[0])
+        return means, self.of_each(spread, lambda p: p.spread or np.inf)
 
     def slopes(
         self, x: FloatArray, at: Sequence[FloatArray], steps: FloatArray

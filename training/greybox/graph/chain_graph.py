@@ -28,7 +28,7 @@ from training.greybox.chain import (
     with_speed,
 )
 from training.greybox.chain import Path as ChainPath
-from training.greybox.charge import ChargeError, ChargeMap
+from training.greybox.charge import KINDS, Charge
 from training.greybox.effects.model_effect import Effects, ModelEffect, along
 from training.greybox.graph.effect_inputs import Ranges
 from training.greybox.quantity.dynamics import ramp_lag, sensor_lag
@@ -47,9 +47,8 @@ class Greybox:
     constants: Constants
     limits: Ranges  # of each input of chain and effects, which is clipped to them first
     period_s: float
-    charge_map: ChargeMap | None = None  # None: the charge is an input
+    charge: Charge | None = None  # of its own, or the error of the charge that is an input
     effects: Effects = ()
-    charge_error: ChargeError | None = None  # of a charge that is an input
     own: Effects = ()  # of the healthy vehicle, before the effects
 
     @classmethod
@@ -65,14 +64,13 @@ class Greybox:
         try:
             of_each = given["constants"].items()  # each a number, or one with its error
             constants = {n: c["value"] if isinstance(c, Mapping) else c for n, c in of_each}
-            charge_map, charge_error = given.get("charge_map"), given.get("charge_error")
+            charges = (of.from_card(given[key]) for key, of in KINDS.items() if given.get(key))
             limits = given["inputs"], given["inputs_low"], given["inputs_high"]
             return cls(
                 constants=Constants(**constants),
                 limits={name: (low, high) for name, low, high in zip(*limits, strict=True)},
                 period_s=card.period_ns / 1e9,
-                charge_map=charge_map and ChargeMap.from_card(charge_map),
-                charge_error=charge_error and ChargeError.from_card(charge_error),
+                charge=next(charges, None),
                 effects=tuple(map(ModelEffect.from_card, card.effects)),
                 own=tuple(starmap(ModelEffect.with_values, given.get("own", {}).items())),
             )
@@ -81,10 +79,10 @@ class Greybox:
 
     def structure(self) -> dict[str, Any]:
         """Return the structure for a card, without the constants."""
+        charge = self.charge
         return {
             "register_samples": self.register,
-            "charge_map": self.charge_map and self.charge_map.to_card(),
-            "charge_error": self.charge_error and self.charge_error.to_card(),
+            **{k: charge.to_card() if isinstance(charge, of) else None for k, of in KINDS.items()},
             "own": {each.name: each.values.tolist() for each in self.own},
             "inputs_low": [low for low, _ in self.limits.values()],
             "inputs_high": [high for _, high in self.limits.values()],
@@ -133,10 +131,6 @@ class Greybox:
         gap = sensor_lag(mixed, c.sensor_s, c.sensor_s, period_s)[-1]
         return Contraction(float(gap), CONTRACTION_LIMIT, pairs=1)
 
-    def signals(self, u: FloatArray) -> dict[str, FloatArray]:
-        """Return ``seen`` of the inputs ``u`` (n, n_inputs)."""
-        return self.seen({name: u[:, i] for i, name in enumerate(self.inputs)})
-
     def seen(self, inputs: Mapping[str, Quantity]) -> dict[str, Quantity]:
         """Return the signals (n,) that the chain sees of its inputs (n,).
 
@@ -144,11 +138,9 @@ class Greybox:
         from the charge map or is corrected by the charge's error, if the chain has one.
         """
         signals = {name: clip(inputs[name], *ends) for name, ends in self.limits.items()}
-        if self.charge_map is not None:
-            signals["air_mass_mg"] = self.charge_map.air_mass_mg(signals)
         signals = with_speed(signals)
-        if self.charge_error is not None:
-            signals["air_mass_mg"] = self.charge_error.air_mass_mg(signals, self.period_s)
+        if self.charge is not None:
+            signals["air_mass_mg"] = self.charge.air_mass_mg(signals, self.period_s)
         return signals
 
     def path(self, signals: Mapping[str, Quantity]) -> ChainPath:
@@ -158,7 +150,8 @@ class Greybox:
 
     def reading(self, u: FloatArray) -> FloatArray:
         """Return the phi (n,) that the sensor reads for inputs ``u`` (n, n_inputs)."""
-        return np.asarray(simulate(self.path(self.signals(u)), self.period_s))
+        signals = self.seen(dict(zip(self.inputs, u.T, strict=True)))
+        return np.asarray(simulate(self.path(signals), self.period_s))
 
     def traced(
         self, graph: Graph, inputs: Mapping[str, str], state: str, first: int = 0

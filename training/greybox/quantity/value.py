@@ -102,6 +102,12 @@ def bilinear(
     return [(row * by_row).total(1, keepdims=True) for row in rows]
 
 
+def linear(x: Quantity, knots: FloatArray, values: FloatArray) -> Quantity:
+    """Return values (k,) at knots (k,) linear between them at ``x``, constant beyond."""
+    shares = hats(x, knots)
+    return (shares * values).total(1, keepdims=True) if isinstance(x, Value) else shares @ values
+
+
 def cells(x: FloatArray, y: FloatArray, knots: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Return the shares (n, a * b) of the knots (a,) and (b,) in a bilinear interpolation."""
     shares = hats(x, knots[0])[:, :, None] * hats(y, knots[1])[:, None, :]

@@ -18,7 +18,7 @@ from training.gap.add.constants import (
 from training.gap.inputs.roles import Material
 from training.gap.inputs.subject import Subject
 from training.greybox.effects import LIBRARY
-from training.greybox.fit.case import Case, Prior
+from training.greybox.fit.case import Case
 from training.greybox.fit.drive import from_recording, phi_of
 from training.greybox.fit.joint import JointFit, fit
 from training.healthy.base_state import SPREAD_CARD
@@ -30,7 +30,7 @@ OFFSET = (LIBRARY["injector_offset"],)
 
 def _case(*offsets_mg: float) -> Case:
     drives = [noisy_drive(1 + i, 0.003, "injector_offset", x) for i, x in enumerate(offsets_mg)]
-    return replace(case_of(*drives), prior=Prior(BASE, SPREAD_CARD))
+    return replace(case_of(*drives), prior=(BASE, SPREAD_CARD))
 
 
 def _plain(case: Case) -> tuple[JointFit, JointFit]:

@@ -55,7 +55,7 @@ def seen(card: ModelCard, drive: ChainDrive) -> ChainDrive:
     """Return the drive with the signals as the graph makes and limits them."""
     greybox = Greybox.of(card)
     u = np.column_stack([drive.signals[name] for name in greybox.inputs])
-    return replace(drive, signals=greybox.signals(u))
+    return replace(drive, signals=greybox.seen(dict(zip(greybox.inputs, u.T, strict=True))))
 
 
 def missed(
