@@ -81,7 +81,7 @@ def fit_greybox(
     )
     own = () if has_own_charge(inputs) else own_of(drive)
     drive = replace(drive, own=own)
-    further = [] if chosen else _further_inputs(own, recordings, inputs)
+    further = [] if chosen else _further_inputs(own, data)
     if further:  # a cold engine's walls
         wider = (*inputs, *further)
         return fit_greybox(
@@ -105,14 +105,18 @@ def fit_greybox(
     )
 
 
-def _further_inputs(
-    own: Sequence[ModelEffect], recordings: "Sequence[Recording]", inputs: Sequence[str]
-) -> list[str]:
-    """Return the signals of the vehicle's own effects that are no inputs but in all recordings."""
-    common = frozenset.intersection(*(recording.known for recording in recordings))
+def _further_inputs(own: Sequence[ModelEffect], data: Prepared) -> list[str]:
+    """Return the signals of the vehicle's own effects that are no inputs, but move in its drives.
+
+    A constant one, as the coolant of a warm engine, tells an effect nothing.
+    """
+    common = frozenset.intersection(*(recording.known for recording in data.recordings))
     wanted = dict.fromkeys(name for each in own for name in each.effect.signals_of(common))
-    present = {*inputs, "engine_speed_rpm"}  # the chain computes a speed that is not broadcast
-    return [name for name in wanted if name not in present]
+    present = {*data.names, "engine_speed_rpm"}  # the chain computes a speed that is not broadcast
+    further = [name for name in wanted if name not in present]
+    seen = recorded(data, further)[data.role == Role.TRAIN]
+    moves = np.fmax.reduce(seen) > np.fmin.reduce(seen)
+    return [name for name, moving in zip(further, moves, strict=True) if moving]
 
 
 def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:

@@ -3,6 +3,7 @@
 The plant's walls are of another form than the library's.
 """
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -55,3 +56,17 @@ def test_walls_that_take_much_of_the_fuel_are_part_of_a_healthy_vehicles_model(
         without.append((plain - d.phi_measured)[d.scored])
     rms = [float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for e in (with_walls, without)]
     assert rms[0] < 0.6 * rms[1]
+
+
+def test_coolant_that_never_moves_is_no_input_of_the_walls(tmp_path: Path) -> None:
+    # GIVEN healthy drives with strong walls and a warm engine, whose coolant is logged as 90 degC
+    warm = []
+    for each in drives(23_200_000, *WALLS.items()):
+        values = each.values.copy()
+        values[:, each.names.index("coolant_temperature_degc")] = 90.0
+        warm.append(replace(each, values=values))
+    # WHEN a chain is fitted to them, whose inputs nobody has chosen
+    found = fit_greybox(warm, tmp_path / "model.onnx")
+    # THEN it has walls all the same
+    assert found.greybox.own[0].name == "wall_film"
+    assert "coolant_temperature_degc" not in found.card.input_names

@@ -61,8 +61,6 @@ class Dual(NDArrayOperatorsMixin):
     slopes: Mapping[ParameterGroup, Any]
 
     def __array_ufunc__(self, of: np.ufunc, _method: str, *operands: Any) -> Any:
-        if of not in RULES:
-            return NotImplemented
         values = [value_of(x) for x in operands]
         y = of(*values)
         duals = zip(operands, RULES[of], strict=True)

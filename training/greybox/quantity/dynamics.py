@@ -149,22 +149,18 @@ def _remembered(
 
 
 def sensor_lag(u: Quantity, rising_s: Quantity, falling_s: Quantity, period_s: float) -> Quantity:
-    """Return the phi that a sensor reads of ``u``, within 0 .. 1.7, by direction."""
+    """Return the phi that a sensor reads of ``u``, within 0 .. 1.7, by direction.
+
+    Derivatives are those of a sensor without limits that is as fast in both directions.
+    """
     rising = _weights(rising_s, period_s)
     falling = rising if falling_s is rising_s else _weights(falling_s, period_s)
-
-    def towards(up: Quantity) -> Weights:
-        drop, newest = (where(up, *pair) for pair in zip(rising, falling, strict=True))
-        return drop, newest
-
     if isinstance(u, Value):
         x, last, keep = _remembered(u, READING)
-        weights = rising if falling is rising else towards(u > x)
+        by_direction = (where(u > x, *pair) for pair in zip(rising, falling, strict=True))
+        weights = rising if falling is rising else by_direction
         return keep(clip(_ramp_step(x, last, u, *weights), *LIMITS))
-    read = followed(value_of(u), rising, falling, LIMITS)
-    if falling is not rising:
-        rising = towards(value_of(u) > _before(read))
-    return _with_slopes(read, u, *rising)  # at a limit those of one without
+    return _with_slopes(followed(value_of(u), rising, falling, LIMITS), u, *rising)
 
 
 def delayed(u: Quantity, samples: Quantity, *, smooth: bool = False) -> Quantity:

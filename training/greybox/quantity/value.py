@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from monitor.base.types import FloatArray
-from training.greybox.quantity.dual import Dual, moved, value_of
+from training.greybox.quantity.dual import Dual
 
 if TYPE_CHECKING:
     from training.narx.export import Graph
@@ -78,13 +78,10 @@ def clip(x: Quantity, low: float, high: float) -> Quantity:
 
 
 def where(condition: Quantity, then: Quantity, otherwise: Quantity) -> Quantity:
-    """Return ``then`` where the condition holds, else ``otherwise``."""
+    """Return ``then`` where the condition holds, else ``otherwise``; of no duals."""
     if isinstance(condition, Value):
         return condition.node("Where", condition, then, otherwise)
-    value = np.where(condition, value_of(then), value_of(otherwise))
-    if not (isinstance(then, Dual) or isinstance(otherwise, Dual)):
-        return value
-    return moved(value, (then, condition), (otherwise, ~condition))
+    return np.where(condition, then, otherwise)
 
 
 def bilinear(
