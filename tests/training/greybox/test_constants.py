@@ -11,7 +11,7 @@ from benchmarks.studies.workflow.plan import Part
 from monitor.base.errors import RecordingError
 from tests.helpers.models.chain_readings import PERIOD_S, TRUE, read_drive, steps, synthetic
 from training.greybox.chain import base_path, simulate
-from training.greybox.charge import ChargeError, ChargeMap, fit_with_error, fit_with_map
+from training.greybox.charge import ChargeError, ChargeMap, fit_with_charge
 from training.greybox.fit.constants import Fitted, fit_constants, reference
 from training.greybox.fit.drive import from_recording, joined
 
@@ -72,9 +72,9 @@ def test_the_error_of_a_charge_is_found_from_the_reading_alone() -> None:
     phi = simulate(base_path(TRUE, signals | {"air_mass_mg": air}), PERIOD_S)
     phi += 0.002 * rng.standard_normal(n)
     # WHEN error and constants are fitted
-    fitted, found = fit_with_error(read_drive(signals, phi))
+    fitted, found = fit_with_charge(read_drive(signals, phi))
     # THEN the charge is right, on the whole up to the gain
-    assert found is not None
+    assert isinstance(found, ChargeError)
     assert found.time_s == 4.0
     off = found.air_mass_mg(signals, PERIOD_S) / air / fitted.constants.gain * TRUE.gain - 1.0
     assert np.abs(signals["air_mass_mg"] / air - 1.0).max() > 0.05
@@ -88,7 +88,7 @@ def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted(
     parts = [Part(k, 22_013_000 + i, at_s, None) for i, (k, at_s) in enumerate(starts_s.items())]
     made = [from_recording(recording(part, 10013, 600.0, {}, None)) for part in parts]
     # WHEN error and constants are fitted to them
-    fitted, found = fit_with_error(joined(made[:3]))
+    fitted, found = fit_with_charge(joined(made[:3]))
     # THEN it helps on drives that go anywhere
     assert found is not None
     for each in made[3:]:
@@ -102,7 +102,7 @@ def test_the_charge_stays_plausible_where_the_engine_was_not_when_it_was_fitted(
 
 def test_a_charge_that_is_right_has_no_error_worth_a_map() -> None:
     signals, phi = synthetic(4)
-    _, found = fit_with_error(read_drive(signals, phi))
+    _, found = fit_with_charge(read_drive(signals, phi))
     right = signals["air_mass_mg"]
     made = right if found is None else found.air_mass_mg(signals, PERIOD_S)
     assert np.abs(made / right - 1.0).max() < 0.01
@@ -125,8 +125,9 @@ def test_a_charge_map_is_found_from_the_reading_alone() -> None:
     phi = simulate(base_path(constants, signals | {"air_mass_mg": air}), PERIOD_S)
     phi += 0.002 * rng.standard_normal(n)
     # WHEN map and constants are fitted
-    fitted, found = fit_with_map(read_drive(signals, phi))
+    fitted, found = fit_with_charge(read_drive(signals, phi))
     # THEN both are right
+    assert isinstance(found, ChargeMap)
     off = np.abs(found.air_mass_mg(signals) / air - 1.0)
     assert np.median(off) < 0.001
     assert np.quantile(off, 0.99) < 0.01  # corners are hardly driven
