@@ -159,15 +159,13 @@ class _Problem:
         """Return the whitening filter of the residuals by weighted least squares."""
         every = math.lcm(*(c.drive.every for c in self.cases))
         order = min(max(round(AR_S / self.cases[0].drive.period_s / every), 2), AR_MOST)
-        normal, slope, errors = np.zeros((order, order)), np.zeros(order), self.errors(x)
+        errors, rows = self.errors(x), []
         for case, e in zip(self.cases, errors, strict=True):
             at = np.flatnonzero(_Noise.of(np.ones(order), every).kept(case.drive.usable))
-            late = np.stack([e[at - k * every] for k in range(1, order + 1)], axis=1)
-            w = _scale(case)[at] ** -2.0
-            normal += late.T @ (late * w[:, None])
-            slope += late.T @ (e[at] * w)
-        ridge = (1e-9 * np.trace(normal) + np.finfo(float).tiny) * np.eye(order)
-        plain = _Noise.of(np.linalg.solve(normal + ridge, slope), every)
+            late = [e[at - k * every] for k in range(order + 1)]
+            rows.append(np.stack(late, axis=1) / _scale(case)[at, None])
+        now, *past = np.concatenate(rows).T
+        plain = _Noise.of(np.linalg.lstsq(np.array(past).T, now)[0], every)
         return replace(plain, sigma=float(1.4826 * np.median(np.abs(self._white(errors, plain)))))
 
     def errors(self, x: FloatArray) -> list[FloatArray]:

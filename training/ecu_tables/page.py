@@ -53,14 +53,13 @@ def write_report(
     """Write the page of tables, the lambda delay first, with notes (what → text) beside them."""
     subject = fitted.parameters.subject
     filled = {t.key: int(np.isfinite(t.estimate).sum()) for t in tables}
-    share = f"{sum(filled.values())} of {sum(t.estimate.size for t in tables)}"
-    share += " cells of all tables are filled"
+    share = f"{sum(filled.values())} of {sum(t.estimate.size for t in tables)} cells"
     verdict, confidence = _told(tables[0])
     text = page(
         "ecu_tables.html",
         "Tables from recordings",
         verdict=verdict,
-        confidence=f"{confidence}; {share}.",
+        confidence=f"{confidence}; {share} of all tables are filled.",
         tables=tables,
         filled=filled,
         heading=heading,
@@ -143,13 +142,12 @@ def _operating_points(table: EcuTable) -> list[Leg]:
     below, above = (np.maximum.accumulate(v, axis=1) for v in (visited, visited[:, ::-1]))
     lacking = below & above[:, ::-1] & np.isnan(table.estimate)
     legs = []
-    for i, rpm in enumerate(speed.values):
-        at = np.flatnonzero(lacking[i])
-        if len(at) == 0:
-            continue
-        loads = ", ".join(f"{load.values[j]:g}" for j in at)
-        missing = float(np.maximum(WANTED_S - table.seconds[i, at], 5.0).sum())
-        legs.append(Leg(f"{rpm:g} rpm at {loads} {load.unit}", missing, counted(len(at), "cell")))
+    for rpm, at, seconds in zip(speed.values, lacking, table.seconds, strict=True):
+        if at.any():
+            loads = ", ".join(f"{value:g}" for value in np.asarray(load.values)[at])
+            missing = float(np.maximum(WANTED_S - seconds[at], 5.0).sum())
+            cells = counted(int(at.sum()), "cell")
+            legs.append(Leg(f"{rpm:g} rpm at {loads} {load.unit}", missing, cells))
     return legs
 
 

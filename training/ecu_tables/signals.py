@@ -173,10 +173,8 @@ def subject_of(
 
 def rejected_text(drives: Sequence[TableDrive]) -> str:
     """Return how many samples were left out, the commonest reason first."""
-    total: Counter[str] = Counter()
-    for drive in drives:
-        total.update(drive.rejected)
-    return ", ".join(f"{number} where {why}" for why, number in total.most_common() if number)
+    total = sum((Counter(drive.rejected) for drive in drives), Counter[str]())
+    return ", ".join(f"{number} where {why}" for why, number in total.most_common())
 
 
 def _drive(

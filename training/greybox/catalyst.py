@@ -24,6 +24,7 @@ from scipy.optimize import least_squares
 from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
 from monitor.base.types import BoolArray, FloatArray
+from training.greybox.chain import ConstantRange
 from training.greybox.fit.constants import sandwich, with_errors
 from training.greybox.fit.drive import block_numbers, until
 from training.recordings.samples.rows import hold
@@ -61,26 +62,17 @@ class Catalyst(NamedTuple):
     span_v: float = 0.72
 
 
-class CatalystRange(NamedTuple):
-    """Unit, bounds and form of a constant."""
-
-    unit: str
-    low: float
-    high: float
-    is_log: bool  # fitted as its logarithm
-
-
-RANGES: Final[dict[str, CatalystRange]] = {  # of each constant, in the order of ``Catalyst``
-    "capacity_g": CatalystRange("g", 0.005, 3.0, is_log=True),
-    "fill": CatalystRange("", 0.5, 30.0, is_log=True),
-    "release": CatalystRange("", 0.5, 30.0, is_log=True),
-    "offset_phi": CatalystRange("1 - 1/lambda", -0.06, 0.06, is_log=False),
-    "hydrogen_phi": CatalystRange("1 - 1/lambda", -0.003, 0.005, is_log=False),
-    "delay_s": CatalystRange("s", 0.0, 2.5, is_log=False),
-    "to_rich_s": CatalystRange("s", 0.01, 4.0, is_log=True),
-    "to_lean_s": CatalystRange("s", 0.01, 4.0, is_log=True),
-    "low_v": CatalystRange("V", -0.1, 0.45, is_log=False),
-    "span_v": CatalystRange("V", 0.05, 1.2, is_log=False),
+RANGES: Final[dict[str, ConstantRange]] = {  # of each constant, in the order of ``Catalyst``
+    "capacity_g": ConstantRange("g", 0.005, 3.0, is_log=True),
+    "fill": ConstantRange("", 0.5, 30.0, is_log=True),
+    "release": ConstantRange("", 0.5, 30.0, is_log=True),
+    "offset_phi": ConstantRange("1 - 1/lambda", -0.06, 0.06),
+    "hydrogen_phi": ConstantRange("1 - 1/lambda", -0.003, 0.005),
+    "delay_s": ConstantRange("s", 0.0, 2.5),
+    "to_rich_s": ConstantRange("s", 0.01, 4.0, is_log=True),
+    "to_lean_s": ConstantRange("s", 0.01, 4.0, is_log=True),
+    "low_v": ConstantRange("V", -0.1, 0.45),
+    "span_v": ConstantRange("V", 0.05, 1.2),
 }
 STARTS: Final = tuple(
     Catalyst(capacity_g=grams, to_rich_s=lag_s, to_lean_s=lag_s)
@@ -194,8 +186,8 @@ def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) ->
         raise RecordingError(
             f"{names}: {n} samples with a warm catalyst, at least {SAMPLES_LEAST} are wanted"
         )
-    _, *ends, _ = zip(*RANGES.values(), strict=True)
-    low, high = map(_transformed, ends)
+    _, lows, highs, *_ = zip(*RANGES.values(), strict=True)
+    low, high = _transformed(lows), _transformed(highs)
 
     def residual(theta: FloatArray) -> FloatArray:
         c = _constants(theta)

@@ -34,22 +34,23 @@ class Constants(NamedTuple):
     span: float = 1.0
 
 
-class ChainRange(NamedTuple):
+class ConstantRange(NamedTuple):
     """Unit, bounds and meaning of one constant."""
 
     unit: str
     low: float
     high: float
-    meaning: str
+    meaning: str = ""
+    is_log: bool = False  # fitted as its logarithm
 
 
-RANGES: Mapping[str, ChainRange] = {
-    "gain": ChainRange("-", 0.4, 2.5, "of fuel over air: injector, air meter and fuel in one"),
-    "dead_time_s": ChainRange("s", 0.0, 1.0, "part that does not follow engine speed"),
-    "dead_time_revolutions": ChainRange("rev", 0.0, 6.0, "part that follows engine speed"),
-    "mixing_s": ChainRange("s", 0.005, 1.5, "first lag, the shorter one: mixing in the exhaust"),
-    "sensor_s": ChainRange("s", 0.005, 1.5, "second lag: the sensor"),
-    "span": ChainRange("-", 0.3, 2.0, "sensitivity of the sensor about lambda 1"),
+RANGES: Mapping[str, ConstantRange] = {
+    "gain": ConstantRange("-", 0.4, 2.5, "of fuel over air: injector, air meter and fuel in one"),
+    "dead_time_s": ConstantRange("s", 0.0, 1.0, "part that does not follow engine speed"),
+    "dead_time_revolutions": ConstantRange("rev", 0.0, 6.0, "part that follows engine speed"),
+    "mixing_s": ConstantRange("s", 0.005, 1.5, "first lag, the shorter one: mixing in the exhaust"),
+    "sensor_s": ConstantRange("s", 0.005, 1.5, "second lag: the sensor"),
+    "span": ConstantRange("-", 0.3, 2.0, "sensitivity of the sensor about lambda 1"),
 }
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from training.recordings.recording import Recording
 
 POOR_CORRELATION = 0.6  # a lower one is a warning
-WASHOUT_S = 5.0  # start of a stretch that is not fitted
+WASHOUT_S = 5.0  # start of a stretch that is not fitted, longer than ``RECOVERY_S``
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,13 +121,11 @@ def _further_inputs(own: Sequence[ModelEffect], data: Prepared) -> list[str]:
 
 def scored_rows(data: Prepared, signals: Mapping[str, FloatArray]) -> BoolArray:
     """Return (n,) bool: enabled, clear of fuel cut, and not at the start of a stretch."""
-    rows = np.zeros(len(data.role), dtype=bool)
     period_s = data.period_ns / 1e9
+    rows = data.enabled & ~until(signals["fuel_mass_mg"] <= 0.0, RECOVERY_S, period_s)
     for s in data.segments:
-        own = slice(s.start, s.stop)
-        rows[own] = ~until(signals["fuel_mass_mg"][own] <= 0.0, RECOVERY_S, period_s)
         rows[s.start : s.start + round(WASHOUT_S / period_s)] = False
-    return np.asarray(rows & data.enabled)
+    return rows
 
 
 def _check_names(inputs: Sequence[str], output: str) -> None:

@@ -83,7 +83,7 @@ def test_a_recording_becomes_a_drive_of_its_name_and_one_without_fuel_is_refused
     assert (drive.name, drive.period_s) == ("drive.csv", PERIOD_S)
     np.testing.assert_array_equal(drive.signals["air_mass_mg"], columns["air_mass_mg"])
     del columns["fuel_mass_mg"]
-    with pytest.raises(RecordingError, match=r"drive\.csv: has no fuel_mass_mg"):
+    with pytest.raises(RecordingError, match=r"drive\.csv: has no good value of fuel_mass_mg"):
         drives.from_recording(recording_of(columns))
 
 

@@ -56,8 +56,7 @@ def _line(place: Place, u: Quantity, values: Values) -> Quantity:
 
 
 def _late_line(place: Place, u: Quantity, values: Values) -> Quantity:
-    late = place.lag(u + POSITIVE, values[2]) - POSITIVE
-    return values[0] + values[1] * late
+    return _line(place, place.lag(u + POSITIVE, values[2]) - POSITIVE, values)
 
 
 def _says_line(values: Values, over: ScaledSignal, unit: str) -> str:

@@ -65,11 +65,7 @@ class ChainDrive:
     @property
     def kept(self) -> BoolArray:
         """(n,) bool: the sample and the two before it are scored, as a whitened error needs."""
-        kept = self.scored.copy()
-        kept[:2] = False
-        kept[1:] &= self.scored[:-1]
-        kept[2:] &= self.scored[:-2]
-        return kept
+        return np.asarray(since(~self.scored) > 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -132,11 +128,11 @@ def from_recording(
     present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
     if "air_mass_mg" not in present and {"maf_kg_h", "engine_speed_rpm"} <= set(present):
         present["air_mass_mg"] = charge_mg(present)
-    for name in (*NEEDED, OUTPUT):
-        if name not in (*present, *recording.names):
-            raise RecordingError(f"{recording.path}: has no {name}, the gap workflow needs it")
-        if name != OUTPUT and name not in present:
-            raise RecordingError(f"{recording.path}: {name} has no good value")
+    for name in NEEDED:
+        if name not in present:
+            raise RecordingError(
+                f"{recording.path}: has no good value of {name}, the gap workflow needs it"
+            )
     lambda_measured = recording.column(OUTPUT)
     return make(recording.path.name, recording.period_ns / 1e9, present, lambda_measured)
 
