@@ -77,7 +77,7 @@ def drives_of(
         alone, read = replace(Greybox.of(card), effects=()), predicted_phi(model, recordings)
         seen = plain_drives_of(card, recordings)
         return [
-            replace(drive, moved_phi=phi - _plain(own, alone))
+            replace(drive, moved_phi=phi - simulate(alone.path(own.signals), own.period_s))
             for drive, own, phi in zip(made, seen, read, strict=True)
         ]
     added = ChainDifference.from_card(card)
@@ -108,10 +108,6 @@ def plain_drives_of(
 def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> bool:
     """Whether a model was fitted to nothing but these recordings."""
     return {each.sha256 for each in card.recordings} <= {each.sha256 for each in recordings}
-
-
-def _plain(drive: ChainDrive, chain: Greybox) -> FloatArray:
-    return simulate(chain.path(drive.signals), drive.period_s)
 
 
 def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:
