@@ -138,9 +138,9 @@ class Decisions:
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
         """Let the rules of plug-ins judge a window."""
-        for test, rule in list(self._rules.items()):
+        for test in list(self._rules):
             try:
-                if isinstance(rule, type):
+                if isinstance(rule := self._rules[test], type):
                     self._rules[test] = rule = returned(test, rule, rule)
                 said = opinion(test, rule, window)
             except ForeignError as error:
