@@ -1,5 +1,6 @@
-"""Circuit and heater of the downstream sensor, on voltages that are made here."""
+"""The downstream sensor: circuit and heater, and its activity beside the front sensor."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -7,10 +8,11 @@ import pytest
 
 from monitor.base import config
 from monitor.base.types import FloatArray
+from monitor.judge.catalyst.rear_activity import RearActivity
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, RearCircuit
+from tests.helpers.drives.switching_drive import switching_drive
 
 PERIOD_S = 0.1
-SETTINGS = config.shipped().catalyst
 CUT_S = 6.0  # each 40 s
 
 
@@ -118,3 +120,45 @@ def test_doubtful_voltages_are_kept_from_the_bank() -> None:
         doubtful.append(circuit.is_doubtful)
     assert not any(doubtful[300:1000])
     assert all(doubtful[1200:])
+
+
+# Beside a switching front sensor
+
+
+def judged(*, burning: bool = True, **drive: float | bool) -> RearActivity:
+    activity = RearActivity(config.shipped())
+    for t_s, front_v, rear_v in zip(*switching_drive(**drive), strict=True):  # type: ignore[arg-type]
+        activity.push(t_s, front_v, rear_v, burning=burning)
+    return activity
+
+
+def test_behind_an_empty_can_the_rear_sensor_repeats_the_front_sensor() -> None:
+    activity = judged(stores=False)
+    claim = activity.claim()
+    assert (claim.outcome, claim.fault) == ("failed", "catalyst_low")
+    assert activity.followed > 0.9 * activity.trials > 20
+
+
+def test_a_catalyst_that_stores_lets_only_long_excursions_pass() -> None:
+    activity = judged(stores=True)
+    assert activity.claim().outcome == "passed"
+    assert activity.followed < 0.3 * activity.trials
+
+
+@pytest.mark.parametrize("stores", [True, False])
+def test_a_slow_logger_or_a_fuel_cut_decides_nothing(stores: bool) -> None:
+    slow = judged(stores=stores, period_s=1.0)
+    assert (slow.trials, slow.claim().outcome) == (0, "inconclusive")
+    assert judged(stores=stores, burning=False).trials == 0
+
+
+def test_a_sensor_that_is_later_than_transport_and_lag_never_makes_an_empty_can_pass_soon() -> None:
+    # a rear sensor that follows after 0.7 s still follows
+    assert judged(stores=False, late_s=0.7).claim().outcome == "failed"
+
+
+def test_a_missing_value_ends_all_trials() -> None:
+    activity = RearActivity(config.shipped())
+    for t_s, front_v, rear_v in zip(*switching_drive(stores=False), strict=True):
+        activity.push(t_s, front_v, math.nan if t_s % 0.6 < 0.1 else rear_v, burning=True)
+    assert activity.trials == 0

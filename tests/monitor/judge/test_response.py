@@ -167,22 +167,22 @@ def verdicts(sensor: Sensor, seed: int) -> list[Response]:
     return judge(*drive(sensor, seed), new_rule())
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_healthy_sensor_passes_and_never_fails(seed: int) -> None:
-    outcomes = Counter(v.outcome for v in verdicts(healthy, seed))
-    assert outcomes["failed"] == 0
-    assert outcomes["passed"] > 0.8 * outcomes.total()
-
-
 @pytest.mark.parametrize(
-    "sensor",
-    [slow("symmetric", 0.12), late("symmetric", 0.12), late("lean_to_rich", 0.12), weak(0.88)],
-    ids=["slow", "late", "late on one edge", "weak"],
+    ("sensor", "seed", "most"),
+    [
+        *(pytest.param(healthy, seed, 0.8, id=f"healthy {seed}") for seed in range(6)),
+        pytest.param(slow("symmetric", 0.12), 3, 0.5, id="slow"),
+        pytest.param(late("symmetric", 0.12), 3, 0.5, id="late"),
+        pytest.param(late("lean_to_rich", 0.12), 3, 0.5, id="late on one edge"),
+        pytest.param(weak(0.88), 3, 0.5, id="weak"),
+    ],
 )
-def test_a_sensor_within_its_limits_passes(sensor: Sensor) -> None:
-    outcomes = Counter(v.outcome for v in verdicts(sensor, 3))
+def test_a_healthy_sensor_or_one_within_its_limits_passes(
+    sensor: Sensor, seed: int, most: float
+) -> None:
+    outcomes = Counter(v.outcome for v in verdicts(sensor, seed))
     assert outcomes["failed"] == 0
-    assert outcomes["passed"] > 0.5 * outcomes.total()
+    assert outcomes["passed"] > most * outcomes.total()
 
 
 def failed_only(found: list[Response]) -> list[Response]:
