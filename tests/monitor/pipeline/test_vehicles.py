@@ -8,7 +8,6 @@ import csv
 import gzip
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +40,7 @@ ME7 = 'engine_speed_rpm = "rpm"\nthrottle_percent = "tps_pct"\nlambda_measured =
 INPUTS = ("engine_speed_rpm", "manifold_pressure_kpa", "throttle_percent", "pw_ms")
 SMALL = ("--lags", "4", "--hidden", "6", "--starts", "1")
 Rows = list[list[str]]
-
-
-@dataclass(frozen=True, slots=True)
-class Replayed:
-    """What a replay gave."""
-
-    exit_code: int
-    out: str
-    recording: dict[str, Any]
+Replayed = Callable[..., tuple[int, str, dict[str, Any]]]
 
 
 @pytest.fixture(scope="session")
@@ -101,16 +92,18 @@ def mx5_model(folder: Path, mx5: Path) -> Path:
 
 
 @pytest.fixture
-def replayed(capsys: pytest.CaptureFixture[str]) -> Callable[..., Replayed]:
-    """Give a function that replays a recording that can be read."""
+def replayed(capsys: pytest.CaptureFixture[str]) -> Replayed:
+    """Give what replays a recording that can be read: exit code, what is said, the result."""
 
-    def run(recording: Path, model: Path | None, columns: Path | None = None) -> Replayed:
+    def run(
+        recording: Path, model: Path | None, columns: Path | None = None
+    ) -> tuple[int, str, dict[str, Any]]:
         options = [f"--{k}={v}" for k, v in (("model", model), ("columns", columns)) if v]
         capsys.readouterr()  # what a fit before it warned of
         code, (found,) = replays(recording, *options)
         printed = capsys.readouterr()
         assert printed.err == ""
-        return Replayed(code, printed.out, found)
+        return code, printed.out, found
 
     return run
 
@@ -132,32 +125,32 @@ def edited(source: Path, out: Path, edit: Callable[[list[str], Rows], Rows]) -> 
 
 
 def test_a_vehicle_unlike_the_models_is_not_judged_for_its_columns_times(
-    mx5: Path, folder: Path, replayed: Callable[..., Replayed]
+    mx5: Path, folder: Path, replayed: Replayed
 ) -> None:
-    got = replayed(mx5, None, folder / "guessed.toml")
-    assert got.exit_code == 3
-    assert "not judged: response: maf_kg_h comes 0.082 s later against air_mass_mg" in got.out
-    assert got.recording["dtcs"] == []
+    code, out, recording = replayed(mx5, None, folder / "guessed.toml")
+    assert code == 3
+    assert "not judged: response: maf_kg_h comes 0.082 s later against air_mass_mg" in out
+    assert recording["dtcs"] == []
 
 
 def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
-    mx5: Path, mx5_model: Path, folder: Path, replayed: Callable[..., Replayed]
+    mx5: Path, mx5_model: Path, folder: Path, replayed: Replayed
 ) -> None:
-    got = replayed(mx5, mx5_model, folder / "mx5.toml")
-    assert got.exit_code == 3
-    assert got.recording["dtcs"] == []
-    assert got.recording["samples"] > 19_000
-    assert len(got.recording["windows"]) > 100
+    code, out, recording = replayed(mx5, mx5_model, folder / "mx5.toml")
+    assert code == 3
+    assert recording["dtcs"] == []
+    assert recording["samples"] > 19_000
+    assert len(recording["windows"]) > 100
     assert re.search(
-        "not judged: response: tried on . drives, the model finds none of its faults", got.out
+        "not judged: response: tried on . drives, the model finds none of its faults", out
     )
     page = mx5_model.with_suffix(".html").read_text()  # of the fit
     assert re.search("The model knows too little: tried on . drives, this model finds 0 of", page)
-    assert "engine speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in got.out
+    assert "engine speed held 62 % of the time: engine_speed_rpm is below 950 1/min" in out
 
 
 def test_a_short_log_has_limits_of_its_twins_and_says_that_it_is_alone(
-    replayed: Callable[..., Replayed], me7: Path, folder: Path, capsys: pytest.CaptureFixture[str]
+    replayed: Replayed, me7: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # GIVEN a log with few windows
     short = edited(me7, folder / "third.csv", lambda _, rows: rows[: len(rows) // 3])
@@ -169,10 +162,10 @@ def test_a_short_log_has_limits_of_its_twins_and_says_that_it_is_alone(
     assert alone in said.err and alone in (folder / "third.html").read_text()
     assert "a twin that had not seen it" in Model.load(model).card.limits["noise"].origin
     # THEN the log is judged, without a code
-    got = replayed(short, model, folder / "me7.toml")
-    assert got.exit_code in (0, 3)
-    assert got.recording["dtcs"] == []
-    assert got.recording["evidence"]
+    code, _, recording = replayed(short, model, folder / "me7.toml")
+    assert code in (0, 3)
+    assert recording["dtcs"] == []
+    assert recording["evidence"]
 
 
 def test_a_model_with_too_few_windows_for_limits_judges_nothing_and_says_what_to_do(
@@ -188,9 +181,9 @@ def test_a_model_with_too_few_windows_for_limits_judges_nothing_and_says_what_to
 
 
 def test_a_healthy_car_gets_no_code_from_a_model_of_itself(
-    me7: Path, folder: Path, replayed: Callable[..., Replayed]
+    me7: Path, folder: Path, replayed: Replayed
 ) -> None:
     model = fitted(folder / "me7own.onnx", me7, None, "rpm", "tps_pct", "boost_raw", "lambda")
-    got = replayed(me7, model)
-    assert got.recording["dtcs"] == []
-    assert got.exit_code == (3 if got.recording["not_judged"] else 0)
+    code, _, recording = replayed(me7, model)
+    assert recording["dtcs"] == []
+    assert code == (3 if recording["not_judged"] else 0)
