@@ -24,9 +24,6 @@ from training.dyno.simulation import Experiment, simulate
 from training.recordings import recording
 
 STEP_S = cycles.STEP_S
-STEADY_S, SETTLE_S = 300.0, 60.0
-
-
 # The same call gives the same bytes
 
 

@@ -1,4 +1,4 @@
-"""Files that later runs use again."""
+"""Files that later runs use again, and the code of a run."""
 
 import os
 from pathlib import Path
@@ -7,6 +7,7 @@ import pytest
 
 from training.jobs import cache
 from training.jobs.cache import cached
+from training.jobs.run_folder import code_sha256
 
 
 @pytest.fixture(autouse=True)
@@ -35,3 +36,17 @@ def test_the_oldest_files_go(home: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_where_nothing_can_be_written_there_is_no_place(home: Path) -> None:
     home.write_text("a file where the folder should be")
     assert cached("numbers", 1) is None
+
+
+def test_the_code_of_a_run_is_another_after_a_change_of_any_source(tmp_path: Path) -> None:
+    # GIVEN a folder of sources and numbers beside those of the product
+    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "numbers.toml").write_text("x = 1\n")
+    found = [code_sha256(), code_sha256(tmp_path)]
+    # WHEN one after the other changes THEN the digest does; other files do not count
+    for name, text in (("a.py", "x = 2\n"), ("numbers.toml", "x = 2\n"), ("notes.txt", "")):
+        (tmp_path / name).write_text(text)
+        code_sha256.cache_clear()
+        found.append(code_sha256(tmp_path))
+    assert len(set(found)) == 4
+    assert found[-1] == found[-2]

@@ -21,7 +21,6 @@ from training.narx.search.structure import boxes
 from training.recordings.recording import Recording, load
 from training.recordings.samples.preparation import prepare
 
-PERIOD_NS = 100_000_000
 BOXED = Spec(
     n_inputs=2,
     lags=2,

@@ -22,9 +22,9 @@ from training.study.preparation import preparation, unusable
 BOSCH = ("speed_z", "load_z", "ignition_angle_z", "fuel_cutoff_z")
 
 
-def red_noise(seed: int, n: int, pole: float = 0.9) -> FloatArray:
+def red_noise(seed: int, n: int) -> FloatArray:
     noise = np.random.default_rng(seed).standard_normal(n)
-    return np.asarray(signal.lfilter([1.0], [1.0, -pole], noise))
+    return np.asarray(signal.lfilter([1.0], [1.0, -0.9], noise))
 
 
 def lines_of(values: FloatArray, period_s: float) -> list[tuple[float, float]]:

@@ -34,14 +34,6 @@ def weighed(state: BaseState, ranking: Sequence[Candidate], **merit: Any) -> Pos
     return posterior(state, [first, *ranking[1:]], state.deviance)
 
 
-def test_what_resampled_blocks_prefer_is_likeliest_and_all_sums_to_one(
-    filmed: tuple[BaseState, tuple[Candidate, ...]],
-) -> None:
-    found = weighed(*filmed)
-    assert found["wall_film"] > 0.95
-    assert sum(found.values()) == pytest.approx(1.0)
-
-
 def test_an_effect_in_the_direction_that_it_cannot_have_is_a_hypothesis_of_its_own(
     filmed: tuple[BaseState, tuple[Candidate, ...]],
 ) -> None:
