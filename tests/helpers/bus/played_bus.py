@@ -22,16 +22,23 @@ class Pause:
     seconds: float
 
 
-class PlayedBus(can.BusABC):
-    """Gives messages as fast as they are asked for; its clock follows their times."""
+Script = Iterable[Frame | Pause | can.Message | Exception | None]
 
-    def __init__(self, script: Iterable[Frame | Pause | can.Message]) -> None:
+
+class PlayedBus(can.BusABC):
+    """Gives messages as fast as they are asked for; its clock follows their times.
+
+    script : an exception is raised, and None is one wait in which nothing comes
+    """
+
+    def __init__(self, script: Script) -> None:
         super().__init__(channel="played")
         self._script = iter(script)
         self.channel_info = "socketcan channel 'played'"
         self.now_s = 0.0
         self.sent: list[can.Message] = []
         self.stop = lambda: None
+        self.is_shut = False
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         message, _ = self._recv_internal(timeout)
@@ -40,11 +47,16 @@ class PlayedBus(can.BusABC):
         return self.recv(timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        item = self._pending if self._pending is not None else next(self._script, None)
-        self._pending = None
+        item, self._pending = self._pending, None
         if item is None:
-            self.stop()
+            try:
+                item = next(self._script)
+            except StopIteration:
+                self.stop()
+        if item is None:
             return None, False
+        if isinstance(item, Exception):
+            raise item
         if isinstance(item, Pause):
             self.now_s += timeout or 0.0
             left_s = item.seconds - (timeout or 0.0)
@@ -62,9 +74,13 @@ class PlayedBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self.sent.append(msg)
 
+    def shutdown(self) -> None:
+        super().shutdown()
+        self.is_shut = True
+
 
 def played_on(
-    script: Iterable[Frame | Pause | can.Message],
+    script: Script,
     setup: replay.Setup,
     transmit: bool = False,
     **options: Any,
@@ -81,9 +97,7 @@ def played_on(
     return loop, bus
 
 
-def run_on(
-    script: Iterable[Frame | Pause | can.Message], setup: replay.Setup, **options: Any
-) -> tuple[dict[str, Any], PlayedBus]:
+def run_on(script: Script, setup: replay.Setup, **options: Any) -> tuple[dict[str, Any], PlayedBus]:
     """Return the result of such a run."""
     loop, bus = played_on(script, setup, **options)
     return loop.result("played"), bus

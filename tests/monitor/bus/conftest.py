@@ -8,4 +8,4 @@ from tests.helpers.logs.replays import frames_of
 
 @pytest.fixture(scope="session")
 def late_sensor() -> list[Frame]:
-    return frames_of("delay_rich_to_lean", 70.0)
+    return frames_of("delay_rich_to_lean", 50.0)

@@ -182,23 +182,14 @@ def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
     assert len([line for line in said if "No space left" in line]) == 1
 
 
-class GoneBus(PlayedBus):
-    """A played bus that fails where its script ends."""
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        message = super().recv(timeout)
-        if message is None and self._pending is None:
-            raise can.CanOperationError("Network is down", 100)
-        return message
-
-
 def test_a_drive_goes_on_after_the_interface_was_away(
     setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
 ) -> None:
     # GIVEN an interface that goes away for twenty seconds in the middle of a drive
     gap_s, n = 20.0, 6_000
     later = [f._replace(t_ns=f.t_ns + round(gap_s * 1e9)) for f in late_sensor[n:]]
-    first, second = GoneBus(late_sensor[:n]), PlayedBus(later)
+    down = can.CanOperationError("Network is down", 100)
+    first, second = PlayedBus([*late_sensor[:n], down]), PlayedBus(later)
     now = [0.0]
 
     def reopen() -> can.BusABC:

@@ -3,8 +3,11 @@
 import math
 import struct
 from collections import deque
+from typing import Any
 
+import obd
 import pytest
+from obd.protocols.protocol import Message
 
 from monitor.base.errors import UsageError
 from monitor.bus.diagnostics import results
@@ -85,6 +88,7 @@ def test_the_bitmaps_list_exactly_what_is_answered() -> None:
     answered = {n for n in range(1, 0x100) if ask(f"01 {n:02X}", functional=True)}
     assert listed == answered
     assert {0x01, 0x1C, 0x20, 0x40, 0x41} <= listed
+    assert 0x0C not in listed  # the engine's own control unit tells its speed
 
 
 def test_up_to_six_parameters_are_answered_at_once_and_unknown_ones_left_out() -> None:
@@ -163,7 +167,7 @@ def test_every_result_of_the_monitor_is_told(setup: replay.Setup) -> None:
     # GIVEN what a drive with a late sensor leaves
     store = DtcStore()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
-    deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 70.0))), maxlen=0)
+    deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 50.0))), maxlen=0)
     # THEN each of its results has an identifier
     told = [row[1] for row in results.test_results(0x01, store.results) if any(row[3:])]
     assert len(told) == len(store.results) > 3
@@ -201,3 +205,28 @@ def test_in_use_performance_reports_the_lowest_ratio_and_cycles_that_begin_anew_
 def test_a_vin_with_a_letter_that_no_vin_has_is_refused() -> None:
     with pytest.raises(UsageError, match="without I, O and Q"):
         Identity("m.onnx", SHA256, "carb", "WVWZZZ1JZXW38675O")
+
+
+def made_of(command: obd.OBDCommand) -> Any:
+    """Return what python-OBD, a scan tool, makes of the answer to one of its commands."""
+    message = Message([])
+    message.data = bytearray.fromhex(ask(command.command.decode()) or "")
+    return command.decode([message])
+
+
+def test_a_scan_tool_reads_lamp_readiness_codes_results_and_who_it_is() -> None:
+    status = made_of(obd.commands.STATUS)
+    assert (status.MIL, status.DTC_count, status.ignition_type) == (True, 1, "spark")
+    assert status.OXYGEN_SENSOR_MONITORING.available
+    assert status.OXYGEN_SENSOR_MONITORING.complete
+    ((code, words),) = made_of(obd.commands.GET_DTC)
+    assert code == "P0133"
+    assert "O2 Sensor Circuit Slow" in words
+    assert {code for code, _ in made_of(obd.commands.GET_CURRENT_DTC)} == {code, "P2195"}
+    results = {each.tid: each for each in made_of(obd.commands.MONITOR_O2_B1S1).tests}
+    assert results[0x80].value.to("ms").magnitude == 310
+    assert results[0x80].max.to("ms").magnitude == 250
+    assert made_of(obd.commands.OBD_COMPLIANCE) == "OBD-II as defined by the CARB"
+    assert made_of(obd.commands.VIN).decode() == VIN
+    # it cuts the text short by one, and takes some figures for padding
+    assert b"shipped-01234567".startswith(made_of(obd.commands.CALIBRATION_ID))

@@ -89,14 +89,6 @@ def test_what_is_refused_is_told_only_to_who_asked_this_monitor() -> None:
     assert Tester().send("01 3F", FUNCTIONAL) == []
 
 
-def test_a_long_answer_waits_for_flow_control(tester: Tester) -> None:
-    assert tester.send("02 09 02") == ["10 14 49 02 01 57 56 57"]
-    assert tester.work() == []
-    frames = tester.send("30 00 00") + tester.rest()
-    assert [f[:2] for f in frames] == ["21", "22"]
-    assert tester.server.due_s == math.inf
-
-
 RESERVED = ("7F", "80", "F0", "FA", "FF")
 
 

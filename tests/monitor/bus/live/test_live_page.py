@@ -242,24 +242,32 @@ def test_a_stream_that_breaks_is_said_and_comes_back(
         assert "old" in (page.locator("body").get_attribute("class") or "")
 
 
-def test_a_page_shows_nothing_of_the_run_before_when_o2mon_is_started_again(
+def test_a_page_says_that_o2mon_has_ended_and_shows_nothing_of_it_when_it_is_started_again(
     browser: Browser, late_sensor: list[Frame]
 ) -> None:
+    errors: list[str] = []
     with browser.new_page() as page:
+        page.on("pageerror", lambda error: errors.append(f"error: {error}"))
         with Player() as player:
-            player.push(late_sensor)
+            player.push(late_sensor[: 90 * 200])
             page.goto(player.url)
             with at_work(player):
                 page.wait_for_selector("#verdict.failed")
             address = player.server.address
+        # WHEN it ends
+        page.wait_for_selector("#connection.ended")
+        assert "o2mon has ended" in text(page, "#connection")
         # WHEN it runs anew at the same address, on a silent bus
         with Player(server=Server(address)) as player, at_work(player):
             page.wait_for_selector("#connection.live", timeout=20_000)
             # THEN code, values and plots are gone
             page.wait_for_selector("#verdict.inconclusive")
             assert text(page, "#verdict-words") == "Waiting for the first samples"
+            assert "No code is stored." in text(page, "#codes")
+            assert "No window has been filled yet." in text(page, "#windows")
             assert page.locator("#plots canvas").count() == 0
             assert text(page, "#tiles") == ""
+    assert errors == []
 
 
 def test_a_code_of_the_monitor_itself_is_listed_and_is_no_fault_of_the_vehicle(
@@ -274,23 +282,3 @@ def test_a_code_of_the_monitor_itself_is_listed_and_is_no_fault_of_the_vehicle(
             page.wait_for_selector("#codes .dtc")
             assert "P062F" in text(page, "#codes")
             assert text(page, "#verdict-words") == "Not judged yet"
-
-
-def test_the_end_of_the_monitor_is_said(browser: Browser, late_sensor: list[Frame]) -> None:
-    with browser.new_page() as page:
-        with Player() as player:
-            player.push(late_sensor[:3000])
-            page.goto(player.url)
-            with at_work(player):
-                page.wait_for_selector("#connection.live")
-        page.wait_for_selector("#connection.ended")
-        assert "o2mon has ended" in text(page, "#connection")
-
-
-def test_before_the_first_frame_the_page_waits(browser: Browser) -> None:
-    with Player() as player, at_work(player), opened(browser, player.url) as page:
-        page.wait_for_selector("#connection.live")
-        assert text(page, "#verdict-words") == "Waiting for the first samples"
-        assert "No code is stored." in text(page, "#codes")
-        assert "No window has been filled yet." in text(page, "#windows")
-        assert page.locator("#plots canvas").count() == 0
