@@ -1,5 +1,7 @@
 """Take vcan0 down and up, then away and back, under a monitor that listens on it.
 
+    python -m tests.vcan.down_and_up
+
 While the monitor waits for vcan0, ``o2mon check --obd`` polls an ECU there. Prints what both print,
 the monitor with ``--sink jsonl:-``. Runs where vcan0 is up and may be changed; see ``guest``.
 """
@@ -12,10 +14,14 @@ import time
 from pathlib import Path
 
 import can
-from listening import n_receivers, wait_until, wait_until_listening
 
-CHECK = [sys.executable, "-m", "tests.vcan.check_obd"]
-MONITOR = ["-m", "monitor.cli", "run", "-i", "socketcan", "-c", "vcan0", "--sink", "jsonl:-"]
+from tests.helpers.bus.obd_ecu import answering, steady_ecu
+from tests.vcan.listening import n_receivers, wait_until, wait_until_listening
+
+O2MON = [sys.executable, "-m", "monitor.cli"]
+BUS = ["-i", "socketcan", "-c", "vcan0"]
+CHECK = [*O2MON, "check", *BUS, "--obd", "--seconds", "3"]
+MONITOR = [*O2MON, "run", *BUS, "--sink", "jsonl:-"]
 PATIENT = "[plausibility]\nstart_patience_s = 300\n"  # silence is no fault, however slow this is
 N_FRAMES = 20
 DOWN_S = 1.0
@@ -26,14 +32,15 @@ def main() -> int:
     """Return the monitor's exit code, 99 when it never listened, 98 when the check failed."""
     settings = Path(tempfile.mkdtemp()) / "patient.toml"
     settings.write_text(PATIENT)
-    with subprocess.Popen([sys.executable, *MONITOR, "--config", str(settings)]) as monitor:
+    with subprocess.Popen([*MONITOR, "--config", str(settings)]) as monitor:
         try:
             wait_until_listening(monitor, 60.0)
             send()
             ip("link set dev vcan0 down")
             time.sleep(DOWN_S)
             ip("link set dev vcan0 up")
-            with subprocess.Popen(CHECK) as check:
+            ecu = answering(steady_ecu(), "vcan0", "socketcan")
+            with ecu, subprocess.Popen(CHECK) as check:
                 time.sleep(BACK_S)
                 if check.wait(timeout=60.0) != 0:
                     return 98

@@ -9,14 +9,15 @@ from typing import Any
 from tests.conftest import ROOT
 from tests.vcan.guest import Finished
 
-SCRIPT = ROOT / "tests" / "vcan" / "down_and_up.py"
 N_SENT = 60
 
 
 def test_the_monitor_listens_again_after_its_interface_was_gone_and_an_ecu_is_polled_on_it(
     run_with_vcan: Callable[..., Finished],
 ) -> None:
-    finished = run_with_vcan([sys.executable, str(SCRIPT)], ROOT, timeout_s=300.0)
+    finished = run_with_vcan(
+        [sys.executable, "-m", "tests.vcan.down_and_up"], ROOT, timeout_s=300.0
+    )
     assert finished.returncode == 3, finished.stdout  # nothing was judged, but all was heard
     lines = finished.stdout.splitlines()
     notes = re.findall(r"^bus: (lost|back)", finished.stdout, re.MULTILINE)
