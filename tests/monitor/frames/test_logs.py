@@ -258,14 +258,14 @@ def test_a_gzipped_blf_is_read_as_the_plain_one(folder: Path, tmp_path: Path) ->
 @pytest.mark.parametrize("suffix", [".log.gz", ".blf"])
 def test_memory_stays_flat_with_the_length_of_a_log(tmp_path: Path, suffix: str) -> None:
     peaks = []
-    for n in (40_000, 120_000):
+    for n in (20_000, 60_000):
         path = tmp_path / f"long{n}{suffix}"
         write_log(path, synthetic(n))
         tracemalloc.start()
         assert sum(len(block.t_ns) for block in read_blocks(path)) == n
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-    assert peaks[1] < 1.2 * peaks[0]
+    assert peaks[1] < peaks[0] + 100_000  # the frames between them take 840 kB
 
 
 @inputs(20)

@@ -11,10 +11,9 @@ import pytest
 from monitor import cli
 from monitor.base.errors import RecordingError
 from monitor.grid.tables import read_table
+from tests.helpers.drives.drive_tables import table
 from tests.helpers.logs.car_model import log_and_model
 from tests.helpers.logs.logger_files import TUNER_UNITS, drive, write_text_table
-from training.dyno.recording_files import write
-from training.dyno.simulation import Experiment
 
 Capture = pytest.CaptureFixture[str]
 LAMBDA = "O2 Bank 1 Sensor 1 Wide Range Equivalence Ratio(λ)"
@@ -24,20 +23,18 @@ UNITS = {**TUNER_UNITS, "lambda_controller": ("EGO", "", 0.01, 0.0)}
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a simulated drive as an own table."""
-    return write(
-        Experiment("micro_trips", 2003, 7, duration_s=800.0), tmp_path_factory.mktemp("own"), "csv"
-    )
+    """Give a healthy drive as an own table."""
+    return table(tmp_path_factory.mktemp("own") / "drive.csv")
 
 
 def as_logged(own: Path, path: Path) -> tuple[Path, Path]:
     """Write the same drive as a logger would, and the profile that reads it."""
-    table = read_table(own)
-    columns: dict[str, list[str]] = {"t": [f"{1e3 * t:.3f}" for t in table.t_ns / 1e9]}
+    canonical = read_table(own)
+    columns: dict[str, list[str]] = {"t": [f"{1e3 * t:.3f}" for t in canonical.t_ns / 1e9]}
     units, lines = ["ms"], []
-    for i, name in enumerate(table.names):
+    for i, name in enumerate(canonical.names):
         column, unit, factor, offset = UNITS.get(name, (f"own {name}", "", 1.0, 0.0))
-        cells = (table.values[:, i] - offset) / factor
+        cells = (canonical.values[:, i] - offset) / factor
         columns[column] = ["-" if np.isnan(x) else f"{x:.9g}".replace(".", ",") for x in cells]
         units.append(unit)
         scale = ", factor = 0.01" if name == "lambda_controller" else ""
@@ -149,7 +146,8 @@ def test_parquet_is_judged_where_a_library_is_there_and_says_how_to_get_one(
 ) -> None:
     polars = pytest.importorskip("polars")
     path = tmp_path / "drive.parquet"
-    polars.read_csv(own, infer_schema_length=None).write_parquet(path)
+    drive = polars.read_csv(own, infer_schema_length=None)
+    drive.select(polars.selectors.numeric()).write_parquet(path)
     assert cli.main(["replay", str(path), "--quiet"]) == 0
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(RecordingError, match="pip install polars, or write the table as CSV"):
