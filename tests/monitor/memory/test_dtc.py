@@ -198,6 +198,7 @@ class StatusByte(RuleBasedStateMachine):
         self.store = DtcStore()
         self.history = [Cycle()]
         self.failing_now = False
+        self.is_permanent = self.has_failed = False  # has failed: in this cycle, cleared or not
 
     @property
     def dtc(self) -> Dtc:
@@ -205,9 +206,12 @@ class StatusByte(RuleBasedStateMachine):
 
     @rule(fault=st.sampled_from(["slow_symmetric", "transient"]))
     def the_test_fails(self, fault: str) -> None:
+        has_room = len(self.store.permanent) < CARB.permanent_most
         self.store.fail(fault, 1)
         self.store.freeze(frame_of("P0133", 1))
         self.history[-1].failed = self.history[-1].completed = self.failing_now = True
+        self.has_failed = True
+        self.is_permanent |= self.lamp()[1] and has_room
 
     @rule()
     def the_test_passes(self) -> None:
@@ -224,9 +228,12 @@ class StatusByte(RuleBasedStateMachine):
 
     @rule()
     def the_next_driving_cycle_begins(self) -> None:
+        was_lit, passed = self.lamp()[1], self.history[-1].completed and not self.has_failed
         self.store.start_driving_cycle()
         self.history.append(Cycle())
-        self.failing_now = False
+        self.failing_now = self.has_failed = False
+        # erased by the lamp's going out, or, once cleared, by a cycle in which its test passes
+        self.is_permanent &= self.lamp()[1] or not (was_lit or passed)
 
     @rule(driving_cycles=st.integers(1, 3), passes=st.booleans())
     def it_is_driven(self, driving_cycles: int, passes: bool) -> None:
@@ -238,6 +245,7 @@ class StatusByte(RuleBasedStateMachine):
     @rule()
     def the_process_ends_and_begins_with_the_next_driving_cycle(self) -> None:
         self.store = DtcStore(self.store.saved)
+        self.has_failed = True  # nothing is known of the cycle in which it ended
         self.the_next_driving_cycle_begins()
 
     @rule()
@@ -288,6 +296,7 @@ class StatusByte(RuleBasedStateMachine):
         assert store.mil == any(d.status & Status.WARNING_INDICATOR for d in store.all)
         lit = {d.code for d in store.all if d.status & Status.WARNING_INDICATOR}
         assert lit <= set(store.permanent) or len(store.permanent) == CARB.permanent_most
+        assert ("P0133" in store.permanent) == self.is_permanent
         assert store.completed_since_clear("response") or not self.dtc.state
 
 

@@ -56,49 +56,6 @@ def test_what_passed_before_clearing_completes_no_code_after_it() -> None:
     assert {dtc.code for dtc in store.complete("activity")} >= {"P2195", "P2196"}
 
 
-def test_a_code_is_permanent_from_when_it_lights_the_lamp_until_the_lamp_goes() -> None:
-    store = DtcStore()
-    store.start_driving_cycle()
-    store.fail("biased_lean", 1)
-    assert store.permanent == ()
-    store.start_driving_cycle()
-    store.fail("biased_lean", 1)
-    for _ in range(CARB.lamp_off_cycles):
-        store.start_driving_cycle()
-        store.complete("bias")
-        assert store.permanent == ("P2195",)
-    store.start_driving_cycle()
-    assert not store.mil
-    assert store.permanent == ()
-
-
-def test_after_clearing_a_permanent_code_goes_by_one_driving_cycle_that_passes() -> None:
-    store = confirmed()
-    store.clear()
-    store.complete("bias")  # in the cycle in which it had failed
-    store.start_driving_cycle()
-    assert store.permanent == ("P2195",)
-    store.start_driving_cycle()  # a cycle in which the test does not complete
-    assert store.permanent == ("P2195",)
-    store.complete("activity")  # nor one in which only another test completes
-    store.start_driving_cycle()
-    assert store.permanent == ("P2195",)
-    store.complete("bias")
-    assert store.permanent == ("P2195",)  # until the cycle is over
-    store.start_driving_cycle()
-    assert store.permanent == ()
-
-
-def test_after_clearing_a_failing_cycle_keeps_the_permanent_code() -> None:
-    store = confirmed()
-    store.clear()
-    store.start_driving_cycle()
-    store.complete("bias")
-    store.fail("biased_lean", 2)
-    store.start_driving_cycle()
-    assert store.permanent == ("P2195",)
-
-
 def test_a_permanent_code_of_a_continuous_test_needs_a_real_drive_to_go() -> None:
     store = confirmed("signal_missing")
     store.clear()
