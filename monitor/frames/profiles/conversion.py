@@ -48,10 +48,7 @@ def in_one_setting(
             for choice, cells in columns
             if len(choice.source.units) > 1
             and _is_mixture(choice) == is_mixture
-            and not any(
-                unit_of(text, profile.stoich_afr)
-                for text in stated_texts(raw.columns[choice.column])
-            )
+            and not stated_unit(raw.columns[choice.column], profile.stoich_afr)
         ]
         most = max((len(choice.source.units) for choice, _ in open_), default=1)
         votes = [sum(_fits(profile, *each, i) for each in open_) for i in range(most)]

@@ -76,8 +76,7 @@ def _fuel_of_pulse(s: Signals, engine: ProfileEngine) -> FloatArray:
 
 
 def _speed(s: Signals) -> FloatArray:
-    rpm = s["engine_speed_rpm"]
-    return np.where(rpm > SPEED_LEAST_RPM, rpm, np.nan)
+    return np.where(s[_RPM] > SPEED_LEAST_RPM, s[_RPM], np.nan)
 
 
 # in the order of preference; a signal that a column carries is never derived

@@ -163,10 +163,9 @@ def profile_of(tree: Mapping[str, Any], path: Path) -> Profile:
     for name in signals:
         if name not in BY_NAME:
             raise signals.fault(f"{name} is no canonical signal")
-    title: str = table.value("title", str, base.title or path.stem)
     return Profile(
         name=path.stem,
-        title=title or path.stem,
+        title=table.value("title", str, base.title) or path.stem,
         stoich_afr=table.value("stoich_afr", float, base.stoich_afr),
         time=_sources(table, "time") if "time" in table else base.time,
         recognise=tuple(map(_recognition, table.tables("recognise"))) or base.recognise,

@@ -55,8 +55,7 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
         t_s += np.cumsum(np.where(anew, ANEW_S - steps, 0.0))
     step_ns = 1 if np.abs(t_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
     t_ns: IntArray = np.rint(t_s * (1e9 / step_ns)).astype(np.int64) * step_ns
-    latest = np.maximum.accumulate(t_ns) if len(t_ns) else t_ns
-    older = t_ns < latest
+    older = t_ns < np.maximum.accumulate(t_ns)
     repeated = np.zeros(len(t_ns), dtype=bool)
     ordered = np.flatnonzero(~older)
     repeated[ordered[:-1]] = np.diff(t_ns[ordered]) == 0

@@ -74,10 +74,10 @@ class Blocks:
                 to = max(n - size + 1, at + 1) if not ended else n
             else:
                 return
-            notes.count(
-                "bad_checksum" if to - at == size else "damaged_bytes",
-                1 if to - at == size else to - at,
-            )
+            if to - at == size:
+                notes.count("bad_checksum")
+            else:
+                notes.count("damaged_bytes", to - at)
             yield at, to, False
             at = to
 

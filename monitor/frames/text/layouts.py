@@ -79,8 +79,8 @@ _RELATIVE: Final = re.compile(
 _PLAIN: Final = re.compile(r"\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
-_SURE_DIGITS: Final = 24  # (10/16)^24: hexadecimal ones without a letter are as rare
-_LEAST_STEP_US: Final = 100.0  # from one frame to the next, of a bus that is full
+_MS_SINCE_1970: Final = 1e12  # from 2001 on
+_CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and not every 3000 µs
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
 
@@ -368,12 +368,13 @@ def _table(text: str) -> TextLayout | None:
     lines = text.splitlines()[:_HEADER_WITHIN]
     for number, line in enumerate(lines):
         for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
-            names = [name.strip().strip('"').casefold() for name in line.split(sep)]
-            names = [name.rpartition(".")[2] for name in names]  # CAN_DataFrame.ID, can.id
+            # CAN_DataFrame.ID, can.id
+            names = [name.strip(' "').casefold().rpartition(".")[2] for name in line.split(sep)]
             pattern = _table_row(names, sep)
             if pattern and (rows := [*filter(None, map(pattern.fullmatch, lines[number + 1 :]))]):
-                time_s = _table_time(names, [row["time"] for row in rows])
-                id_base = 10 if _are_decimal_ids(line, {row["id"] for row in rows}) else 0
+                ids = {row["id"] for row in rows}
+                time_s = _table_time(names, [row["time"] for row in rows], len(ids))
+                id_base = 10 if _are_decimal_ids(line, ids) else 0
                 return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=id_base)
     return None
 
@@ -392,28 +393,33 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     return re.compile(rf'"?{body} *"?(?:{sep}.*)?', _ANY) if has_all else None
 
 
-def _table_time(names: Sequence[str], times: Sequence[str]) -> Callable[[str], float]:
-    """Return the way to seconds: by the column's unit, else such that 1 to 10,000 frames/s come."""
+def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[[str], float]:
+    """Return the way to seconds: by the column's unit, else as digits and identifiers tell it."""
     if any(mark in time for time in times for mark in ":Tt"):
         return ColumnClock()
     named = next(name for name in names if re.fullmatch(_TABLE_COLUMNS[0][0], name))
-    unit = unit_of(name_and_unit(named)[1], 1.0)
+    said = {"millis": "ms", "micros": "us"}.get(named, named.rpartition("_")[2])
+    unit = unit_of(name_and_unit(named)[1] or said, 1.0)
     values = list(map(_seconds, times))
     step = (max(values) - min(values)) / max(1, len(values) - 1)
     if unit and unit.quantity == "time":
         step_s = unit.factor
+    elif values[0] > _MS_SINCE_1970:
+        step_s = 1e-3 ** ((len(times[0]) - 10) // 3)  # ms, µs or ns
     elif any(mark in time for time in times for mark in ".,"):
-        step_s = 1.0 if step < 1.0 else 1e-3
+        is_fine = any(re.search(r"[.,]\d{4}", time) for time in times)  # no ms are as fine
+        step_s = 1.0 if step < 1.0 or is_fine else 1e-3
     else:
-        step_s = 1e-6 if step >= _LEAST_STEP_US else 1e-3
+        step_s = 1e-6 if step * n_ids >= _CYCLE else 1e-3
     return lambda text: _seconds(text) * step_s
 
 
 def _are_decimal_ids(header: str, ids: set[str]) -> bool:
-    """Return whether identifiers are decimal: tshark's, or digits that hexadecimal ones exclude."""
-    digits = "".join(ids)
-    is_sure = len(digits) >= _SURE_DIGITS or any(int(each, 16) >> 29 for each in ids)
-    return digits.isdecimal() and (is_sure or bool(re.search(r"\bcan\.id\b", header)))
+    """Return whether identifiers are decimal: by the tool, or else some were short 29-bit ones."""
+    if not "".join(ids).isdecimal() or re.search(r"\bid\w*[ _]?[(\[]hex", header, re.I):
+        return False
+    is_large = any(int(each, 16) >> 29 or re.fullmatch("1...|20[0-4].", each) for each in ids)
+    return is_large or bool(re.search(r"\b(?:can\.id|addr|arbitration_id)\b", header, re.I))
 
 
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:

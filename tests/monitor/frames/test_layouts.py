@@ -315,6 +315,47 @@ def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) ->
         list(read_frames(path))
 
 
+@pytest.mark.parametrize(
+    ("header", "form", "is_decimal"),
+    [
+        ("Time Stamp,ID,LEN,D1,D2", "{}000,{:08X},2,FE,01", False),
+        ("TimestampEpoch;ID;DLC;DataBytes", "{};{:X};2;FE01", False),
+        ("Time (ms),ID (hex),Data", "{},{:X},FE 01", False),
+        ("time_ms,id,data", "{},{:X}h,FE 01", False),
+        ("time_ms,id,data", "{},{},FE 01", True),
+        ("time_ms,addr,data", "{},{},FE 01", True),
+    ],
+)
+def test_identifiers_of_digits_alone_are_hexadecimal_unless_something_tells_otherwise(
+    tmp_path: Path, header: str, form: str, is_decimal: bool
+) -> None:
+    ids = [0x100, 0x110, 0x200, 0x280, 0x300, 0x316, 0x329, 0x350, 0x430, *[0x545] * is_decimal]
+    path = tmp_path / "digits.csv"
+    rows = [form.format(10 * i, each) for i, each in enumerate(ids)]
+    path.write_text(header + "\n" + "\n".join(rows) + "\n")
+    assert [frame.can_id for frame in read_frames(path)] == ids
+
+
+@pytest.mark.parametrize(
+    ("column", "form", "step_s"),
+    [
+        ("time_ms", "{:.0f}", 0.2),  # few frames, as of requests and answers
+        ("Time", "{:.0f}", 0.2),
+        ("timestamp", "1795857{:06.0f}", 0.2),  # ms since 1970
+        ("timestamp", "1795857{:06.0f}000", 0.2),
+        ("Time", "0.{:06.0f}", 0.0002),
+    ],
+)
+def test_the_times_of_few_frames_keep_their_unit(
+    tmp_path: Path, column: str, form: str, step_s: float
+) -> None:
+    path = tmp_path / "few.csv"
+    rows = [f"{form.format(200 * i)},0x7E8,{i:02X}\n" for i in range(40)]
+    path.write_text(f"{column},ID,Data\n" + "".join(rows))
+    steps = {b.t_ns - a.t_ns for a, b in pairwise(read_frames(path))}
+    assert steps == {round(step_s * 1e9)}
+
+
 def test_a_row_with_another_kind_of_time_is_a_damaged_line(tmp_path: Path) -> None:
     path, counters = tmp_path / "mixed.csv", LogCounters()
     rows = [f"{i / 10},C2,{i:02X}\n" for i in range(99)]
