@@ -14,11 +14,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError
+from monitor.base.signals import BY_NAME
 from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder, MessageCounters
 from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.decode.checksum import payload_checksum
-from monitor.decode.raw_values import plausible_range
 from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OBD, OWN
 from tests.helpers.logs.decoding import Decoding, Values
@@ -85,6 +85,18 @@ def raw_of(message: Message, signal: Signal, data: bytes) -> int | float:
     return raw
 
 
+def limits_of(channel: BusChannel) -> tuple[float, float]:
+    """Return the least and largest value that are plausible, of the signal or its database."""
+    mapped, known = channel.mapped, BY_NAME.get(channel.mapped.name)
+    stated = channel.signal.minimum, channel.signal.maximum
+    if known is not None:
+        low, high = known.minimum, known.maximum
+    else:
+        low, high = sorted(float(each or 0) * mapped.factor + mapped.offset for each in stated)
+    margin = 1e-9 * (high - low)  # of rounding
+    return (low - margin, high + margin) if margin else (-math.inf, math.inf)
+
+
 def value_of(channel: BusChannel, raw: float) -> float:
     """Return the value in the map's unit; NaN is not available, infinity out of range."""
     signal, mapped = channel.signal, channel.mapped
@@ -93,7 +105,7 @@ def value_of(channel: BusChannel, raw: float) -> float:
     if has_ones and raw == ones:
         return math.nan
     value = (raw * signal.scale + signal.offset) * mapped.factor + mapped.offset
-    low, high = plausible_range(channel)
+    low, high = limits_of(channel)
     return float(value) if math.isfinite(value) and low <= value <= high else math.inf
 
 

@@ -89,19 +89,6 @@ def test_a_jump_of_more_than_a_minute_is_a_break_and_a_shorter_one_a_gap() -> No
     assert subject.subject.counters.discontinuities == 1
 
 
-def test_fuel_per_stroke_follows_from_fuel_flow_and_speed() -> None:
-    recipe = Derived("fuel_mass_mg", 30000.0, ("flow",), ("speed",))
-    subject = Grid(
-        BlockAssembler(
-            ["flow", "speed"], ["fuel_mass_mg", "speed"], 100 * MS, [S, S], derived=[recipe]
-        )
-    )
-    subject.push(0, {0: 2.0, 1: 3000.0})
-    assert subject.push(101 * MS, {1: 0.0})[0].values.tolist() == [20.0, 3000.0]
-    stopped = subject.push(201 * MS, {})[0]
-    assert stopped.quality.tolist() == [Quality.INVALID, Quality.GOOD]
-
-
 @pytest.mark.parametrize("period_ns", [0, -5, MAX_JUMP_NS + 1])
 def test_an_impossible_period_is_refused(period_ns: int) -> None:
     with pytest.raises(SignalMapError, match="sample period"):
