@@ -1,4 +1,4 @@
-"""The run, the targets and the tables that all studies share."""
+"""The run, the targets and the tables that all studies share, and what none can use."""
 
 import argparse
 import json
@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from scipy import stats
 
+from benchmarks.__main__ import main
 from benchmarks.studies import runner, targets
 from benchmarks.studies.options import option, parser_of, plan_of
 from benchmarks.studies.report import Report, Section
@@ -144,3 +145,22 @@ def test_tables_count_every_row_once() -> None:
     assert head == ["a", "n", "share"]
     assert body[1][:2] == ["2", "1"]
     assert body[1][2].startswith("100.0")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("Time,RPM\n", "no row of column names"),
+        ("time_s,lambda_measured\n0,1\n1,1\n", "tables need"),
+    ],
+)
+def test_a_log_without_what_tables_need_ends_in_one_line_that_names_it(
+    tmp_path: Path, text: str, why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "drive.csv"
+    log.write_text(text)
+    assert main(["tables", "--logs", str(log)]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1
+    assert told[0].startswith(f"tables: {log}: ")
+    assert why in told[0]
