@@ -8,8 +8,9 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame, FrameBlock
+from monitor.frames import blocks
 from monitor.frames.blf.structure import header_of, objects
-from monitor.frames.blocks import EXTENDED, LATEST_S, CutShortError, LogCounters
+from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters
 from monitor.frames.bounds import open_text
 from monitor.frames.logs import frame_of, guarded, read_blocks
 from monitor.frames.text.candump import frame_of_line
@@ -20,22 +21,14 @@ Outcome = tuple[list[Frame], LogCounters, str | None]
 
 
 def frames_of(block: FrameBlock) -> list[Frame]:
+    """Return the frames of a block in the form that every reader gives."""
     assert (block.t_ns.dtype, block.key.dtype) == (np.int64, np.uint32)
     assert (block.length.dtype, block.data.dtype) == (np.uint8, np.uint8)
     assert block.data.shape in {(len(block.t_ns), 8), (len(block.t_ns), 64)}
     assert block.data.flags.c_contiguous
     behind = np.arange(block.data.shape[1]) >= block.length[:, np.newaxis]
     assert not block.data[behind].any()
-    return [
-        Frame(t_ns, key & (EXTENDED - 1), bool(key & EXTENDED), data[:length])
-        for t_ns, key, length, data in zip(
-            block.t_ns.tolist(),
-            block.key.tolist(),
-            block.length.tolist(),
-            map(bytes, block.data),
-            strict=True,
-        )
-    ]
+    return list(blocks.frames_of(block))
 
 
 def outcome(frames: Iterable[Frame], counters: LogCounters) -> Outcome:
@@ -111,8 +104,8 @@ def python_can_reads(path: Path) -> Outcome:
 
 def read_at_once(path: Path) -> Outcome:
     counters = LogCounters()
-    blocks = read_blocks(path, counters)
-    return outcome((frame for block in blocks for frame in frames_of(block)), counters)
+    found = read_blocks(path, counters)
+    return outcome((frame for block in found for frame in frames_of(block)), counters)
 
 
 START_NS = 1_700_000_000_123_456_000

@@ -1,13 +1,12 @@
 """Drives of a few stretches, as samples."""
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from monitor.base import config
-from monitor.base.types import Quality, Sample, SampleBlock
+from monitor.base.types import Quality, SampleBlock
 from monitor.memory.cycles import SIGNALS
 
 CONFIG = config.load()
@@ -38,10 +37,14 @@ def lasting(stretch: Stretch, seconds: float) -> Stretch:
     return replace(stretch, seconds=seconds)
 
 
+OFF_BUS = Stretch(5.0, quality=Quality.OFF_BUS)
+
+
 def samples(
-    stretches: list[Stretch], period_s: float = 1.0, names: tuple[str, ...] = NAMES
-) -> Iterator[Sample]:
-    k = 0
+    *stretches: Stretch, period_s: float = 1.0, names: tuple[str, ...] = NAMES
+) -> SampleBlock:
+    """Return the samples of some stretches, one after another."""
+    values, quality = [np.empty((0, len(names)))], [np.empty((0, len(names)), dtype=np.uint8)]
     for each in stretches:
         read = {
             "lambda_measured": 1.0,
@@ -52,17 +55,10 @@ def samples(
             "ambient_pressure_kpa": each.pressure_kpa,
         }
         is_good = each.quality == Quality.GOOD
-        values = np.array([read[name] if is_good else math.nan for name in names])
-        quality = np.full(len(names), each.quality, dtype=np.uint8)
-        for _ in range(round(each.seconds / period_s)):
-            k += 1
-            yield Sample(k, round(k * period_s * 1e9), values, quality)
-
-
-OFF_BUS = Stretch(5.0, quality=Quality.OFF_BUS)
-
-
-def block_of(drive: Sequence[Sample]) -> SampleBlock:
-    """Return samples side by side."""
-    index, t_ns, values, quality = (np.array(column) for column in zip(*drive, strict=True))
-    return SampleBlock(index, t_ns, values, quality.astype(np.uint8))
+        n = round(each.seconds / period_s)
+        values.append(np.tile([read[name] if is_good else math.nan for name in names], (n, 1)))
+        quality.append(np.full((n, len(names)), each.quality, dtype=np.uint8))
+    rows = np.concatenate(values)
+    index = np.arange(1, len(rows) + 1)
+    t_ns = np.round(index * period_s * 1e9).astype(np.int64)
+    return SampleBlock(index, t_ns, rows, np.concatenate(quality))

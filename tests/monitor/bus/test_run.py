@@ -22,17 +22,6 @@ from monitor.pipeline import replay
 from tests.helpers.bus.played_bus import Ear, Pause, PlayedBus, judged, played_on, run_on
 
 
-def test_a_replay_of_what_was_recorded_gives_the_same_events(
-    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
-) -> None:
-    record = tmp_path / "drive.log"
-    live, _ = run_on(late_sensor, setup, record=record)
-    again, _ = replay.replay(record, setup)
-    assert live["windows"]
-    assert live["fault_flag"]
-    assert judged(live) == judged(again)
-
-
 def test_error_frames_and_remote_frames_are_counted_and_survived(
     setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
 ) -> None:

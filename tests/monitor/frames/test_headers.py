@@ -342,6 +342,7 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("TPS", 0.2, "throttle_percent", 20.0),
         ("MAP", 3000.0, "manifold_pressure_kpa", None),
         ("Lambda (-*1000)", 1000.0, "lambda_measured", None),
+        ("Phi", 0.98, "lambda_measured", None),
         ("Lambda Pre Cat", 1.0, "lambda_measured", 1.0),
         ("LAMB_LS_UP[1]", 1.0, "lambda_measured", 1.0),
         ("LAMB_LS_UP[2]", 1.0, "lambda_measured", None),  # a number in brackets is no unit

@@ -417,14 +417,6 @@ def test_values_out_of_range_are_told_with_what_was_wanted(tmp_path: Path) -> No
     assert f"out of range ({100 * LAMBDA.min():.4g} to {100 * LAMBDA.max():.4g}, wanted" in reading
 
 
-def test_a_profile_to_edit_does_not_take_phi_for_lambda(tmp_path: Path) -> None:
-    cells = {"Time": D["t_s"], "RPM": D["rpm"], "Phi": 1.0 / LAMBDA}
-    lines = proposed(open_table(write_text_table(tmp_path / "drive.csv", cells))).splitlines()
-    assert any(line.startswith('engine_speed_rpm = "RPM"') for line in lines)
-    assert not any(line.startswith("lambda_") for line in lines)
-    assert any(line.startswith('# "Phi"') for line in lines)
-
-
 @pytest.mark.parametrize(
     ("unit", "source"),
     [

@@ -24,7 +24,6 @@ from tests.helpers.memory.stretches import (
     STAND,
     START,
     Stretch,
-    block_of,
     lasting,
     samples,
 )
@@ -42,11 +41,9 @@ def moments(
     names: tuple[str, ...] = NAMES,
     profile: config.ProfileConfig = CONFIG.carb,
 ) -> list[tuple[str, float]]:
-    drive = list(samples(list(stretches), period_s, names))
-    if not drive:
-        return []
-    found = cycles_of(names, profile).push(block_of(drive)).moments
-    return [(moment, drive[k].t_ns / 1e9) for k, moment in found]
+    drive = samples(*stretches, period_s=period_s, names=names)
+    found = cycles_of(names, profile).push(drive).moments
+    return [(moment, drive.t_ns[k] / 1e9) for k, moment in found]
 
 
 def count(what: str, *stretches: Stretch, names: tuple[str, ...] = NAMES) -> int:
@@ -107,12 +104,10 @@ def test_without_engine_speed_only_a_long_silence_ends_a_driving_cycle() -> None
 
 
 def test_a_clock_that_steps_back_begins_nothing() -> None:
-    cycles = cycles_of()
-    drive = list(samples([DRIVE]))
-    back = [sample._replace(t_ns=sample.t_ns - 200_000_000_000) for sample in drive]
-    assert "driving_cycle" not in [
-        m for _, m in cycles.push(block_of([*drive, *back, *drive])).moments
-    ]
+    cycles, drive = cycles_of(), samples(DRIVE)
+    back = drive._replace(t_ns=drive.t_ns - 200_000_000_000)
+    found = [moment for part in (drive, back, drive) for _, moment in cycles.push(part).moments]
+    assert "driving_cycle" not in found
 
 
 # What counts in it
@@ -207,13 +202,9 @@ def test_the_general_denominator_asks_for_time_speed_and_idle(
 
 
 def test_a_sensor_that_is_missing_is_no_silence_of_the_ecu() -> None:
-    cycles = cycles_of()
-    found = []
-    for sample in samples([DRIVE, lasting(STAND, 60), START]):
-        quality = sample.quality.copy()
-        quality[NAMES.index("lambda_measured")] = Quality.STALE
-        found += cycles.push(block_of([sample._replace(quality=quality)])).moments
-    assert "driving_cycle" not in [moment for _, moment in found]
+    drive = samples(DRIVE, lasting(STAND, 60), START)
+    drive.quality[:, NAMES.index("lambda_measured")] = Quality.STALE
+    assert "driving_cycle" not in [moment for _, moment in cycles_of().push(drive).moments]
 
 
 def test_a_signal_that_is_not_provided_asks_for_nothing() -> None:
@@ -227,15 +218,14 @@ def test_a_signal_that_is_not_provided_asks_for_nothing() -> None:
 
 
 def test_running_time_and_distance_are_those_of_the_running_engine() -> None:
-    cycles = cycles_of()
     rolling = replace(STAND, speed_km_h=50.0)  # the engine is off, the car rolls
-    drive = samples([lasting(DRIVE, 361), lasting(rolling, 100), lasting(DRIVE, 361)])
-    driven = [each for _, each in cycles.push(block_of(list(drive))).driven]
+    drive = samples(lasting(DRIVE, 361), lasting(rolling, 100), lasting(DRIVE, 361))
+    driven = [each for _, each in cycles_of().push(drive).driven]
     assert sum(each.engine_run_s for each in driven) == pytest.approx(720.0)
     assert sum(each.distance_km for each in driven) == pytest.approx(10.0)
     # and creeping counts as distance
-    creeping = samples([START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5)])
-    driven = [each for _, each in cycles_of().push(block_of(list(creeping))).driven]
+    creeping = samples(START, replace(DRIVE, seconds=3600.0, speed_km_h=0.5))
+    driven = [each for _, each in cycles_of().push(creeping).driven]
     assert sum(each.distance_km for each in driven) == pytest.approx(0.5)
 
 

@@ -4,7 +4,6 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from monitor.base.types import Frame
@@ -153,9 +152,9 @@ def communication(*stretches: Stretch) -> set[str]:
     """Return what the communication test says of the last stretch."""
     names = ("lambda_measured", "engine_speed_rpm")
     tests = Plausibility(CONFIG.plausibility, names, "lambda_measured", 1.0)
-    found = list(samples(list(stretches), names=names))
-    results = tests.push(np.array([s.values for s in found]), np.array([s.quality for s in found]))
-    first = len(found) - round(stretches[-1].seconds)
+    drive = samples(*stretches, names=names)
+    results = tests.push(drive.values, drive.quality)
+    first = len(drive.t_ns) - round(stretches[-1].seconds)
     return {
         r.fault if r.failed else "passed"
         for _, end, r in results

@@ -20,30 +20,29 @@ def drive(offset: float, later: float | None = None) -> Trace:
     return Trace(t_s, measured, predicted, on, ~on)
 
 
-def recording(*dtcs: dict[str, Any]) -> dict[str, Any]:
-    limits = {"offset_low": -0.065, "offset_high": 0.065}
-    return {"dtcs": list(dtcs), "limits": limits, "period_s": 0.1}
+EARLY, LATE = 20.0, 300.0
+OFFSETS: dict[str, tuple[Trace, tuple[str, float] | None, float | None]] = {
+    "one that a healthy vehicle may have": (drive(-0.03), None, -0.03),
+    "one that no healthy vehicle has": (drive(0.1), None, None),
+    "one before another comes": (drive(0.02, later=0.2), None, 0.02),
+    "one behind a code": (drive(0.03), ("gain_low", EARLY), None),
+} | {
+    f"one under a code of {fault}": (drive(0.04), (fault, LATE), None)
+    for fault in ("biased_lean", "drift_rich", "stuck_lean", "no_activity")
+}
 
 
-def test_an_offset_that_a_healthy_vehicle_may_have_is_this_vehicles_own() -> None:
-    assert vehicle_offset(recording(), drive(-0.03)) == pytest.approx(-0.03)
-
-
-def test_an_offset_that_no_healthy_vehicle_has_is_not_taken_away() -> None:
-    assert vehicle_offset(recording(), drive(0.1)) is None
-
-
-@pytest.mark.parametrize("fault", ["biased_lean", "drift_rich", "stuck_lean", "no_activity"])
-def test_an_offset_under_a_code_that_tells_of_one_is_not_taken_away(fault: str) -> None:
-    assert vehicle_offset(recording({"fault": fault, "t_s": 300.0}), drive(0.04)) is None
-
-
-def test_what_comes_later_in_the_drive_does_not_change_this_vehicles_offset() -> None:
-    assert vehicle_offset(recording(), drive(0.02, later=0.2)) == pytest.approx(0.02)
-
-
-def test_what_comes_after_a_code_is_not_looked_at() -> None:
-    assert vehicle_offset(recording({"fault": "gain_low", "t_s": 20.0}), drive(0.03)) is None
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_a_vehicles_own_offset_is_one_that_no_code_tells_of_and_a_healthy_one_may_have(
+    offset: str,
+) -> None:
+    trace, code, wanted = OFFSETS[offset]
+    recording: dict[str, Any] = {
+        "dtcs": [{"fault": code[0], "t_s": code[1]}] if code else [],
+        "limits": {"offset_low": -0.065, "offset_high": 0.065},
+        "period_s": 0.1,
+    }
+    assert vehicle_offset(recording, trace) == (wanted if wanted is None else pytest.approx(wanted))
 
 
 def test_sample_by_sample_the_offset_comes_once_there_is_enough_and_then_stays() -> None:
