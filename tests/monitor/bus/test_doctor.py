@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import can
-import numpy as np
 import pytest
 
 import dbc
@@ -23,20 +22,10 @@ from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.bus.beside import beside, send_as_driven
-from tests.helpers.logs.bus_maps import OWN, RUSEFI
-from training.recordings.files.can_log import broadcast
+from tests.helpers.logs.bus_maps import OWN, RUSEFI, ecu
 
 FOREIGN = [Frame(k * 20_000_000, 0x123, False, bytes([k % 256, 1])) for k in range(150)]
 REAL = Interface("can0", "can", True, 500_000, "0.875", True, "error-active")
-
-
-def ecu(bus_map: BusMap = OWN, **changes: float) -> list[Frame]:
-    """Three seconds of an ECU, each message at its stated rate."""
-    t_ns = np.arange(0, 3_000_000_000, 10_000_000)
-    usual = {"manifold_pressure_kpa": 50.0, "ambient_pressure_kpa": 98.0, "battery_voltage_v": 13.5}
-    values = {name: np.full(len(t_ns), 1.0) for name in bus_map.channels}
-    values |= {name: np.full(len(t_ns), value) for name, value in (usual | changes).items()}
-    return list(broadcast(bus_map, t_ns, values).frames())
 
 
 def identifier(message: str, bus_map: BusMap = OWN) -> int:

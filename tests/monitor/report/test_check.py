@@ -5,31 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from monitor.base.types import FloatArray, Frame
+from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
 from monitor.report.check import CheckResult, SignalSeen
 from monitor.report.check import check as check_blocks
-from tests.helpers.logs.bus_maps import OWN, RUSEFI
-from training.recordings.files.can_log import broadcast
-
-SECONDS = 2.0
-
-
-def frames(**changes: FloatArray | float | None) -> list[Frame]:
-    """Two seconds of the project's ECU; a signal set to None is never given."""
-    t_ns = np.arange(0, round(SECONDS * 1e9), 10_000_000)
-    values: dict[str, FloatArray] = {}
-    for name in OWN.channels:
-        change = changes.get(name, 1.0)
-        if change is not None:
-            values[name] = np.full(len(t_ns), change, dtype=float)
-    values["manifold_pressure_kpa"] = np.full(len(t_ns), 50.0)
-    values["ambient_pressure_kpa"] = np.full(len(t_ns), 98.0)
-    values["battery_voltage_v"] = np.full(len(t_ns), 13.5)
-    values["air_mass_mg"] = np.linspace(100.0, 300.0, len(t_ns))
-    values |= {n: v for n, v in changes.items() if isinstance(v, np.ndarray)}
-    return list(broadcast(OWN, t_ns, values).frames())
+from tests.helpers.logs.bus_maps import ECU_S, OWN, RUSEFI, ecu
 
 
 def check(frames: list[Frame], bus_map: BusMap) -> CheckResult:
@@ -48,7 +29,7 @@ def without(message: str, all_frames: list[Frame]) -> list[Frame]:
 
 
 def test_a_complete_bus_is_plausible_in_every_signal() -> None:
-    result = check(frames(), OWN)
+    result = check(ecu(), OWN)
     assert {s.name for s in result.signals} == set(OWN.channels)
     assert {s.verdict(result.end_ns) for s in result.signals} == {"plausible"}
     assert result.missing(OWN.names) == []
@@ -56,7 +37,7 @@ def test_a_complete_bus_is_plausible_in_every_signal() -> None:
 
 
 def test_range_rate_and_age_are_those_of_the_frames() -> None:
-    sent = frames()
+    sent = ecu(air_mass_mg=np.linspace(100.0, 300.0, round(ECU_S * 100)))
     result = check(sent, OWN)
     assert (result.frames, result.end_ns) == (len(sent), max(f.t_ns for f in sent))
     for name, channel in OWN.channels.items():
@@ -70,7 +51,7 @@ def test_range_rate_and_age_are_those_of_the_frames() -> None:
 
 
 def test_a_message_that_never_comes_leaves_its_signals_missing() -> None:
-    result = check(without("ECU_Lambda", frames()), OWN)
+    result = check(without("ECU_Lambda", ecu()), OWN)
     lost = [n for n, c in OWN.channels.items() if c.message.name == "ECU_Lambda"]
     assert "lambda_measured" in lost
     assert sorted(result.missing(OWN.names)) == sorted(lost)
@@ -79,18 +60,18 @@ def test_a_message_that_never_comes_leaves_its_signals_missing() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value", "said"),
-    [("rail_pressure_mpa", None, "not available"), ("lambda_measured", 0.31, "out of range")],
+    [("rail_pressure_mpa", math.nan, "not available"), ("lambda_measured", 0.31, "out of range")],
 )
 def test_a_signal_without_a_good_value_says_why(name: str, value: float, said: str) -> None:
-    result = check(frames(**{name: value}), OWN)
+    result = check(ecu(**{name: value}), OWN)
     assert seen(result, name).verdict(result.end_ns) == said
     assert result.missing([name, "fuel_mass_mg"]) == [name]
 
 
 def test_a_signal_that_is_sometimes_implausible_says_how_often() -> None:
-    wobbly = np.ones(round(SECONDS * 100))
+    wobbly = np.ones(round(ECU_S * 100))
     wobbly[50:100] = math.nan
-    result = check(frames(lambda_measured=wobbly), OWN)
+    result = check(ecu(lambda_measured=wobbly), OWN)
     lam = seen(result, "lambda_measured")
     assert lam.verdict(result.end_ns) == f"{lam.invalid} bad values"
     assert lam.invalid / (lam.count + lam.invalid) == pytest.approx(0.25, abs=0.02)
@@ -98,7 +79,7 @@ def test_a_signal_that_is_sometimes_implausible_says_how_often() -> None:
 
 
 def test_frames_that_break_their_checksum_are_counted_and_give_no_values() -> None:
-    broken = [f._replace(data=f.data[:-1] + bytes([f.data[-1] ^ 1])) for f in frames()]
+    broken = [f._replace(data=f.data[:-1] + bytes([f.data[-1] ^ 1])) for f in ecu()]
     result = check(broken, OWN)
     assert result.rejected["checksum"] == len(broken)
     assert result.missing(OWN.names) == list(OWN.names)
@@ -106,7 +87,7 @@ def test_frames_that_break_their_checksum_are_counted_and_give_no_values() -> No
 
 
 def test_the_table_has_one_line_per_signal_with_unit_and_verdict() -> None:
-    result = check(without("ECU_Temps", frames()), OWN)
+    result = check(without("ECU_Temps", ecu()), OWN)
     lines = list(result.lines())
     assert len(lines) == len(result.signals) + 2
     for line, signal in zip(lines[1:-1], result.signals, strict=True):
@@ -119,23 +100,20 @@ def test_the_table_has_one_line_per_signal_with_unit_and_verdict() -> None:
 
 def test_the_time_of_an_epoch_clock_does_not_matter() -> None:
     shift_ns = 1_700_000_000_000_000_000
-    early = check(frames(), OWN)
-    late = check([f._replace(t_ns=f.t_ns + shift_ns) for f in frames()], OWN)
+    early = check(ecu(), OWN)
+    late = check([f._replace(t_ns=f.t_ns + shift_ns) for f in ecu()], OWN)
     assert list(early.lines()) == list(late.lines())
 
 
 def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
-    t_ns = np.arange(0, 2_000_000_000, 100_000_000)
-    names = list(RUSEFI.channels)
-    frames = broadcast(RUSEFI, t_ns, {n: np.full(len(t_ns), 50.0) for n in names}).frames()
-    result = check(list(frames), RUSEFI)
+    result = check(ecu(RUSEFI), RUSEFI)
     assert "fuel_mass_mg" in result.derived
     assert result.missing(["fuel_mass_mg"]) == []
     assert check([], RUSEFI).missing(["fuel_mass_mg"]) == ["fuel_mass_mg"]
 
 
 def test_a_message_that_stops_is_said_to_have_stopped_and_counts_as_missing() -> None:
-    every = frames()
+    every = ecu()
     lambda_id = OWN.channels["lambda_measured"].message.frame_id
     half = [f for f in every if f.can_id != lambda_id or f.t_ns < 1_000_000_000]
     result = check(half, OWN)
@@ -148,7 +126,7 @@ def test_a_signal_slower_than_its_timeout_is_stale_with_age_and_timeout() -> Non
     coolant = OWN.channels["coolant_temperature_degc"]
     timeout_s = coolant.mapped.timeout_s
     sent, last_ns = [], -(10**12)
-    for frame in frames():
+    for frame in ecu():
         if frame.can_id == coolant.message.frame_id:
             if frame.t_ns - last_ns < 1.5 * timeout_s * 1e9:
                 continue
