@@ -22,6 +22,7 @@ from monitor.frames.units import UNITS, Unit, conversion, unit_of
 from monitor.mapping.vocabulary import (
     GASOLINE_KG_L,
     KNOWN,
+    NOISE,
     OTHER,
     QUANTITIES,
     STOICHIOMETRIC,
@@ -106,8 +107,7 @@ class QuantityFit:
     def judged(self, why: str, weight: float = 1.0, **more: Any) -> "QuantityFit":
         """Return the fit with one more reason, its confidence times ``weight``."""
         why_all = (*self.why, why) if why else self.why
-        confidence = min(1.0, self.confidence * weight)
-        return replace(self, confidence=confidence, why=why_all, **more)
+        return replace(self, confidence=min(1.0, self.confidence * weight), why=why_all, **more)
 
     def doubted(self, why: str, weight: float = DOUBTED) -> "QuantityFit":
         """Return the fit with one more doubt."""
@@ -147,7 +147,8 @@ def _by_name(quantity: MapQuantity, d: Description) -> QuantityFit | None:
             sure, why = ASSUMED * both, f"its name and message say {d.message} {d.name}"
     unit = unit_of(d.unit, STOICHIOMETRIC) if quantity.name == "lambda_measured" else None
     if unit and unit.quantity == "lambda" and unit.factor != 1.0:  # no other sensor has this unit
-        rest = [word for word in (rest if sure else words) if word in KNOWN - {"afr"}]
+        named = [w for w in words if w not in NOISE and len(w) > 1 and not w.isdigit()]
+        rest = [w for w in rest if w in KNOWN or len(w) > 2] if sure else named
         sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
     if not sure:
         return None
@@ -186,9 +187,8 @@ def _of_one_sensor(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Q
             return fit.doubted(why, OTHER_NAME)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)
-    if quantity.name == "lambda_measured":
-        return fit.judged("nothing says whether it is upstream: check")
-    return fit
+    is_said = quantity.name != "lambda_measured"
+    return fit if is_said else fit.judged("nothing says whether it is upstream: check")
 
 
 def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:

@@ -423,12 +423,12 @@ def _are_decimal_ids(header: str, ids: set[str]) -> bool:
 
 
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
-    """Return whether the numbers are decimal ones: bytes of three digits, no letters."""
+    """Return whether the numbers are decimal ones: bytes of one or three digits, no letters."""
     if not layout.tool.startswith("Kvaser") and layout.tool != TABLE.tool:
         return False
     words = [re.split(r"[\s,;]+", f"{row['id']} {row['data']}") for row in rows]
     letters = any(re.search("[a-fx]", " ".join(row), re.I) for row in words)
-    return not letters and any(len(byte) == 3 for row in words for byte in row[1:])
+    return not letters and any(len(byte) in (1, 3) for row in words for byte in row[1:])
 
 
 def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]], text: str) -> bool:
@@ -504,11 +504,8 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int, id_base: int
 
 def _data(groups: dict[str, str | None], base: int) -> bytes:
     """Return the data, as many bytes as the line says; raises ValueError if some lack."""
-    length, code = int(groups.get("length") or -1), groups.get("dlc")
-    if code:
-        length = int(code, 16 if len(code) == 1 else 10)
-        if groups.get("fd") and length > _CLASSIC:
-            length = _FD_LENGTHS[length - _CLASSIC - 1]
+    code = groups.get("dlc") or ""
+    length = int(code or groups.get("length") or "-1", 16 if len(code) == 1 else 10)
     if (packed := groups.get("base64")) is not None:
         data = b64decode(packed, validate=True)
     else:
@@ -516,6 +513,9 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
         text = raw.replace(";", " ").replace(",", " ").replace(":", " ").split()
         if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
             text = re.findall("..", text[0])
+        if _CLASSIC < length < 16:  # a code of CAN FD, if the line has so many bytes
+            n = _FD_LENGTHS[length - _CLASSIC - 1]
+            length = n if len(text) >= n or (code and groups.get("fd")) else length
         text = text if length < 0 else text[:length]  # a counter may stand behind the bytes
         data = bytes(int(byte, base) for byte in text)
     if _CLASSIC < length < 16 and len(data) <= _CLASSIC:

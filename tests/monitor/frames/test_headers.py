@@ -336,6 +336,10 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("Coolant (℉)", 190.0, "coolant_temperature_degc", 87.78),
         ("nmot_w\\XETK:1 (1/min)", 1500.0, "engine_speed_rpm", 1500.0),
         ("AFR (E85)", 9.8, "lambda_measured", 1.0),
+        ("Stoich AFR (AFR)", 14.7, "lambda_measured", None),
+        ("Power Enrich (AFR)", 14.7, "lambda_measured", None),
+        ("Predicted (AFR)", 14.7, "lambda_measured", None),
+        ("MTX-L (AFR)", 14.7, "lambda_measured", 1.0),
         ("MAP (inHg vac)", 10.0, "manifold_pressure_kpa", None),  # below the air's pressure
         ("RPM (x1000)", 2.0, "engine_speed_rpm", None),
         ("MAP", 8.0, "manifold_pressure_kpa", 55.16),  # psi

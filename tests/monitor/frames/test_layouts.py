@@ -336,6 +336,18 @@ def test_identifiers_of_digits_alone_are_hexadecimal_unless_something_tells_othe
     assert [frame.can_id for frame in read_frames(path)] == ids
 
 
+def test_a_length_code_of_can_fd_keeps_all_bytes(tmp_path: Path) -> None:
+    path, data = tmp_path / "fd.csv", bytes(range(48))
+    path.write_text(f"time;ID;IDE;DLC;DataLength;DataBytes\n0.1;1A0;0;14;48;{data.hex()}\n")
+    assert [frame.data for frame in read_frames(path)] == [data]
+
+
+def test_numbers_without_letters_and_leading_zeros_are_decimal(tmp_path: Path) -> None:
+    path = tmp_path / "canking.txt"
+    path.write_text("Chn Identifier Flg   DLC  D0\n" + " 0  298  2  7  21  0.010000 R\n" * 2)
+    assert [(frame.can_id, frame.data) for frame in read_frames(path)] == [(298, b"\x07\x15")] * 2
+
+
 @pytest.mark.parametrize(
     ("column", "form", "step_s"),
     [
