@@ -6,18 +6,16 @@ import random
 import re
 import socket
 import struct
-import zlib
 from pathlib import Path
 
-import can
 import pytest
-from can.io import blf as python_can
 
 from monitor.base.errors import RecordingError
 from monitor.frames.blocks import LogCounters
 from monitor.frames.bounds import FREE_BYTES, LINE_BYTES, PIECE_BYTES, RATIO
 from monitor.frames.logs import read_frames
 from tests.helpers.logs.read_outcome import read_at_once, streamed, synthetic
+from tests.monitor.frames.test_blf_blocks import DEFLATED, STORED, blf_file, fd_object
 from training.recordings.files.mf4_log import write_mf4
 
 FRAME = {
@@ -76,39 +74,25 @@ def test_a_packed_log_that_grows_without_end_is_refused(tmp_path: Path, kind: st
     refused(path, f"at most {RATIO} times as many are wanted" if once else "damaged")
 
 
-def blf(tmp_path: Path, body: bytes, method: int = python_can.ZLIB_DEFLATE) -> Path:
-    """Write a BLF file with one sound container and the container ``body``."""
+OBJECT, HALF = struct.Struct("<4sHHLL"), FREE_BYTES // 2
+BLF = {  # containers behind that of a sound frame
+    "a packed piece of more than": [(bytes(PIECE_BYTES + 1), DEFLATED)],
+    f"at most {RATIO} times as many are wanted": 6
+    * [(OBJECT.pack(b"LOBJ", 32, 1, HALF, 200).ljust(HALF, b"\0"), DEFLATED)],
+    "an object of 2,147,483,648 bytes": [
+        (OBJECT.pack(b"LOBJ", 32, 1, 1 << 31, 1) + bytes(5000), STORED)
+    ],
+}
+
+
+@pytest.mark.parametrize("message", BLF)
+def test_a_blf_that_grows_without_end_or_has_an_object_without_end_is_refused(
+    tmp_path: Path, message: str
+) -> None:
     path = tmp_path / "drive.blf"
-    with can.BLFWriter(path) as writer:
-        writer.on_message_received(can.Message(timestamp=1.0, arbitration_id=1, data=b"12"))
-    size = python_can.OBJ_HEADER_BASE_STRUCT.size + python_can.LOG_CONTAINER_STRUCT.size + len(body)
-    whole = path.read_bytes()
-    container = python_can.OBJ_HEADER_BASE_STRUCT.pack(
-        b"LOBJ", python_can.OBJ_HEADER_BASE_STRUCT.size, 1, size, python_can.LOG_CONTAINER
-    ) + python_can.LOG_CONTAINER_STRUCT.pack(method, len(body))
-    path.write_bytes(whole + container + body + bytes(size % 4))
-    return path
-
-
-def test_a_blf_container_that_grows_without_end_is_refused(tmp_path: Path) -> None:
-    bomb = zlib.compress(bytes(PIECE_BYTES + 1), 9)
-    refused(blf(tmp_path, bomb), "after 1 frames: a packed piece of more than")
-
-
-def test_many_small_containers_that_grow_are_refused(tmp_path: Path) -> None:
-    size = FREE_BYTES // 2
-    content = python_can.OBJ_HEADER_BASE_STRUCT.pack(b"LOBJ", 32, 1, size, 200).ljust(size, b"\0")
-    path = blf(tmp_path, zlib.compress(content, 9))
-    whole = path.read_bytes()
-    container = whole[whole.rindex(b"LOBJ") :]
-    path.write_bytes(whole + 5 * container)
-    refused(path, f"at most {RATIO} times as many are wanted")
-
-
-def test_an_object_longer_than_any_frame_is_refused(tmp_path: Path) -> None:
-    giant = python_can.OBJ_HEADER_BASE_STRUCT.pack(b"LOBJ", 32, 1, 1 << 31, python_can.CAN_MESSAGE)
-    path = blf(tmp_path, giant + bytes(5000), python_can.NO_COMPRESSION)
-    refused(path, "an object of 2,147,483,648 bytes")
+    path.write_bytes(blf_file([(fd_object(8, b"abcdefgh"), DEFLATED), *BLF[message]]))
+    refused(path, message)
+    assert len(read_at_once(path)[0]) == 1
 
 
 @pytest.mark.parametrize("kind", [".log", ".asc.gz", ".blf", ".mf4", ".csv"])

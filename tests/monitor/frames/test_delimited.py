@@ -19,6 +19,15 @@ from tests.helpers.logs.logger_files import cells_of, write_text_table
 COLUMNS = {"Time": np.array([0.0, 0.1, 0.25]), "AFR": np.array([14.7, 14.25, 13.5])}
 
 
+def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:
+    path = tmp_path / name
+    if name.endswith(".gz"):
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text)
+    return path
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "cp1252"])
 @pytest.mark.parametrize(
     ("separator", "comma"), [(",", False), (";", True), ("\t", True), ("  ", True)]
@@ -73,8 +82,7 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
 
 
 def test_a_header_with_other_columns_ends_the_table_and_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("Time,RPM,A,B\n0,900,1,2\n1,910,1,2\nTime,RPM,B,A\n2,920,2,1\n")
+    path = table(tmp_path, "Time,RPM,A,B\n0,900,1,2\n1,910,1,2\nTime,RPM,B,A\n2,920,2,1\n")
     found, notes = cells_of(open_delimited(path))
     assert found[:, 2].tolist() == [1.0, 1.0]
     assert notes.lines == ("read up to a header with other columns: B, …",)
@@ -89,8 +97,7 @@ def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Pa
 
 
 def test_words_tell_closed_loop(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("Time,Fuel System Status\n0,Closed loop\n1,Open loop - cold\n2,-\n")
+    path = table(tmp_path, "Time,Fuel System Status\n0,Closed loop\n1,Open loop - cold\n2,-\n")
     raw = open_delimited(path)
     assert raw.columns[1].kind == "text"
     (block,) = raw.read([Wanted(1, ("closed",))], Notes())
@@ -129,8 +136,8 @@ def test_dates_with_the_day_first_go_on_over_midnight(
 
 def test_times_go_on_where_the_offset_from_utc_changes(tmp_path: Path) -> None:
     hours = ["02:59:59.5+02:00", "02:59:59.7+02:00", "02:59:59.9+02:00", "02:00:00.1+01:00"]
-    path = tmp_path / "a.csv"
-    path.write_text("Time,A\n" + "".join(f"2026-10-25T{h},{k}\n" for k, h in enumerate(hours)))
+    rows = "".join(f"2026-10-25T{hour},{k}\n" for k, hour in enumerate(hours))
+    path = table(tmp_path, f"Time,A\n{rows}")
     raw = open_delimited(path)
     assert raw.columns[0].kind == "clock"
     (block,) = raw.read([Wanted(0)], Notes())
@@ -172,22 +179,12 @@ def test_a_file_that_is_no_table_is_refused_in_one_line(
 def test_what_python_alone_reads_as_a_number_is_none(cell: str, tmp_path: Path) -> None:
     assert not is_number(cell)
     assert math.isnan(number(cell))
-    path = tmp_path / "own.csv"
-    path.write_text(f"time_s,a\n0,1\n0.1,{cell}\n")
+    path = table(tmp_path, f"time_s,a\n0,1\n0.1,{cell}\n")
     with pytest.raises(RecordingError, match="a number is wanted"):
         read_table(path)
 
 
 # The project's own tables, and columns by a map
-
-
-def table(tmp_path: Path, text: str, name: str = "t.csv") -> Path:
-    path = tmp_path / name
-    if name.endswith(".gz"):
-        path.write_bytes(gzip.compress(text.encode()))
-    else:
-        path.write_text(text)
-    return path
 
 
 @pytest.mark.parametrize("name", ["t.csv", "t.csv.gz"])
