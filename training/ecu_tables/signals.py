@@ -21,7 +21,7 @@ from monitor.base.runs import since
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.grid.column_times import interval
 from training.ecu_tables.config import defaults
-from training.greybox.chain import CYLINDERS, KG_H_PER_MG_RPM
+from training.greybox.chain import CYLINDERS, KG_H_PER_MG_RPM, SPEED_LEAST_RPM
 from training.greybox.quantity.dynamics import delayed
 from training.recordings.ecu_table import KPA, MG_PER_STROKE
 from training.recordings.recording import Recording
@@ -39,7 +39,6 @@ NEEDED: Final = (  # one of each
 WARM_DEGC: Final = 88.0
 MANIFOLD_DEGC: Final = 35.0
 VOLTS: Final = 14.0
-RPM_LEAST: Final = 300.0
 PHI_LEAST: Final = 0.70  # below it the gas is that of fuel cut, or the sensor at its end
 PHI_MOST: Final = 1.45
 ACROSS_S: Final = 0.3  # half of the window over which the mixture's move is taken
@@ -182,7 +181,8 @@ def _drive(
 ) -> TableDrive:
     period_s = r.period_ns / 1e9
     most = max(round(HOLD_MOST_S / period_s), 1)
-    held = {name: _held(r.column(name), most) for name in r.known}
+    columns = ((name, r.column(name)) for name in r.known)
+    held = {n: np.where(since(np.isfinite(x), most) <= most, hold(x), np.nan) for n, x in columns}
     rpm = held["engine_speed_rpm"]
     charge = _charge(held, air, litres, cylinders)
     fuel = held[PULSE if PULSE in common else "fuel_mass_mg"]
@@ -199,7 +199,7 @@ def _drive(
     known = [rpm, charge, fuel, load_values, volts, coolant]
     rejected = {
         "a signal has no value": ~np.isfinite([*known, phi]).all(axis=0),
-        "the engine stands": ~(rpm > RPM_LEAST),
+        "the engine stands": ~(rpm > SPEED_LEAST_RPM),
         "the sensor is not ready": held.get("sensor_ready", np.ones(len(rpm))) <= 0.5,
         "lambda stands still for 2 s": of >= max(round(2.0 / period_s), 2),
         "lambda is repeated until its next update": which % every > 0,
@@ -216,7 +216,7 @@ def _drive(
         period_s=period_s,
         every=every,
         cylinders=cylinders,
-        rpm=np.maximum(rpm, RPM_LEAST),
+        rpm=np.maximum(rpm, SPEED_LEAST_RPM),
         load=load_values,
         commanded=fuel,
         volts=np.clip(_smooth(volts, VOLTS_S / period_s), 6.0, 18.0),
@@ -237,7 +237,7 @@ def _charge(held: Mapping[str, FloatArray], air: Air, litres: float, cylinders: 
     if air is Air.STROKE:
         return held["air_mass_mg"]
     if air is Air.METER:
-        per_mg = KG_H_PER_MG_RPM * cylinders * np.maximum(held["engine_speed_rpm"], RPM_LEAST)
+        per_mg = KG_H_PER_MG_RPM * cylinders * np.maximum(held["engine_speed_rpm"], SPEED_LEAST_RPM)
         return np.asarray(held["maf_kg_h"] / per_mg)
     degc = held.get("manifold_temperature_degc", np.full(len(held[KPA]), MANIFOLD_DEGC))
     efficiency = np.full(len(degc), 0.85)
@@ -245,12 +245,6 @@ def _charge(held: Mapping[str, FloatArray], air: Air, litres: float, cylinders: 
         efficiency = held["volumetric_efficiency_percent"] / 100.0
     volume_m3 = litres * 1e-3 / cylinders
     return np.asarray(efficiency * volume_m3 * held[KPA] * 1e9 / (R_AIR * (degc + zero_Celsius)))
-
-
-def _held(values: FloatArray, most: int) -> FloatArray:
-    """Return the values with gaps of at most ``most`` samples filled with the last value."""
-    age = since(np.isfinite(values), most)
-    return np.where(age <= most, hold(values), np.nan)
 
 
 def _stays(phi: FloatArray) -> tuple[IntArray, IntArray]:

@@ -18,7 +18,8 @@ from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Parameters, Point, Vector
-from training.ecu_tables.signals import PULSE, RPM_LEAST, WARM_DEGC
+from training.ecu_tables.signals import PULSE, WARM_DEGC
+from training.greybox.chain import SPEED_LEAST_RPM
 from training.greybox.quantity.value import Quantity, exp, log
 from training.recordings.ecu_table import (
     COOLANT_BANDS,
@@ -109,7 +110,10 @@ def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[
 
 
 def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
-    """Return delay, lag and wall film over speed and load, the injectors, the sensor's lag."""
+    """Return delay, lag and wall film over speed and load, the injectors, the sensor's lag.
+
+    Injectors need a pulse width, and their flow an absolute air.
+    """
     at = (axes.speed.nearest(samples.rpm), axes.load.nearest(samples.load))
     nodes = _nodes(p, axes, samples, at)
 
@@ -118,35 +122,29 @@ def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
         return _Law(name, unit, (axes.speed, axes.load), value, at, *counted)
 
     made = [law("lambda_delay", "s", 0.0), law("lambda_lag", "s", 0.0)]
-    known = "coolant_temperature_degc" in p.subject.known
-    for band in COOLANT_BANDS if known else COOLANT_BANDS[-1:]:
+    known = p.subject.known
+    for band in COOLANT_BANDS if "coolant_temperature_degc" in known else COOLANT_BANDS[-1:]:
         inside = (samples.degc >= band.low_degc) & (samples.degc < band.high_degc)
         cold = max(WARM_DEGC - band.at_degc, 0.0) / 60.0
         made.append(law("wall_film_fraction", "-", cold, inside, band))
         made.append(law("wall_film_time", "s", cold, inside, band))
-    flow, at_flow = np.asarray(axes.exhaust_flow.values), axes.exhaust_flow.nearest(samples.flow)
-    of_flow = partial(laws.sensor_s, flow_kg_h=flow)
-    lag = _Law("sensor_lag", "s", (axes.exhaust_flow,), of_flow, (at_flow,))
-    return [*made, *_of_injectors(p, axes, samples), lag]
-
-
-def _of_injectors(p: Parameters, axes: TableAxes, samples: CellSamples) -> list[_Law]:
-    """Return dead time and flow scale of the injectors, none without a pulse width."""
-    if PULSE not in p.subject.known:
-        return []
-    volts, at = np.asarray(axes.volts.values), axes.volts.nearest(samples.volts)
-    known = np.full(len(at), "battery_voltage_v" in p.subject.known)
-    of_volts = partial(laws.dead_ms, volts=volts)
-    dead = _Law("injector_dead_time", "ms", (axes.volts,), of_volts, (at,), known)
-    pressure = axes.pressure(direct="rail_pressure_mpa" in p.subject.known)
-    mg_ms = lambda v: exp(v["flow"] + np.zeros(1))  # noqa: E731
-    flow = _Law("injector_flow_scale", "mg/ms", (pressure,), mg_ms, (0 * at,))
-    return [dead, flow] if p.subject.absolute_air else [dead]
+    if PULSE in known:
+        at_volts, told = axes.volts.nearest(samples.volts), "battery_voltage_v" in known
+        dead_ms = partial(laws.dead_ms, volts=np.asarray(axes.volts.values))
+        counted = np.full(len(at_volts), told)
+        made.append(_Law("injector_dead_time", "ms", (axes.volts,), dead_ms, (at_volts,), counted))
+    if PULSE in known and p.subject.absolute_air:
+        axis = axes.pressure(direct="rail_pressure_mpa" in known)
+        mg_ms = lambda v: exp(v["flow"] + np.zeros(1))  # noqa: E731
+        made.append(_Law("injector_flow_scale", "mg/ms", (axis,), mg_ms, (0 * at_volts,)))
+    lag_s = partial(laws.sensor_s, flow_kg_h=np.asarray(axes.exhaust_flow.values))
+    at_flow = axes.exhaust_flow.nearest(samples.flow)
+    return [*made, _Law("sensor_lag", "s", (axes.exhaust_flow,), lag_s, (at_flow,))]
 
 
 def _nodes(p: Parameters, axes: TableAxes, samples: CellSamples, at: tuple[IntArray, ...]) -> Point:
     """Return the warm points of the cells, flat; the charge of a cell is its samples' own."""
-    speeds = np.maximum(axes.speed.values, RPM_LEAST)
+    speeds = np.maximum(axes.speed.values, SPEED_LEAST_RPM)
     rpm, load = (m.ravel() for m in np.meshgrid(speeds, axes.load.values, indexing="ij"))
     cell = np.ravel_multi_index(at, (len(axes.speed.values), len(axes.load.values)))
     usual = float(np.median(samples.per_load))

@@ -78,7 +78,6 @@ STARTS: Final = tuple(
     Catalyst(capacity_g=grams, to_rich_s=lag_s, to_lean_s=lag_s)
     for grams, lag_s in ((0.03, 0.1), (0.12, 0.1), (0.5, 0.1), (0.06, 1.0), (0.4, 1.0))
 )
-NAMES: Final = Catalyst._fields
 IS_LOG: Final = tuple(each.is_log for each in RANGES.values())
 HELD_SHARE: Final = 0.02  # of the range; a constant nearer to its bound ended at it
 
@@ -133,25 +132,13 @@ class CatalystDrive:
 
 @dataclass(frozen=True, slots=True)
 class FittedCatalyst:
-    """Constants, their standard errors, and how well the voltage is reproduced."""
+    """The content of the file: the constants, and how well the voltage is reproduced."""
 
-    constants: Catalyst
-    errors: Catalyst
+    schema: str
+    constants: dict[str, dict[str, Any]]  # each: value, standard_error, unit, at_bound
     rmse_v: float
     samples: int
-    recordings: tuple[str, ...]
-    at_bound: tuple[str, ...]
-
-    def tree(self) -> dict[str, Any]:
-        """Return the content of the file."""
-        rows = with_errors(self.constants, self.errors, RANGES)
-        return {
-            "schema": SCHEMA,
-            "constants": {n: row | {"at_bound": n in self.at_bound} for n, row in rows.items()},
-            "rmse_v": self.rmse_v,
-            "samples": self.samples,
-            "recordings": list(self.recordings),
-        }
+    recordings: list[str]
 
 
 def drive_of(recording: "Recording") -> CatalystDrive:
@@ -202,21 +189,22 @@ def fit(drives: Sequence[CatalystDrive], starts: Sequence[Catalyst] = STARTS) ->
             loss="soft_l1",
             f_scale=ROBUST_V,
             x_scale=0.1 * (high - low),
-            diff_step=np.full(len(NAMES), 1e-4),
+            diff_step=np.full(len(RANGES), 1e-4),
             max_nfev=60,
         )
         for start in starts
     ]
     best = min(found, key=lambda each: each.cost)
-    constants = _constants(best.x)
     share = np.minimum(best.x - low, high - best.x) / (high - low)
+    errors = _errors(drives, best.x, np.asarray(best.jac), residual(best.x))
+    rows = with_errors(_constants(best.x), errors, RANGES)
+    pairs = zip(rows.items(), share.tolist(), strict=True)
     return FittedCatalyst(
-        constants=constants,
-        errors=_errors(drives, best.x, np.asarray(best.jac), residual(best.x)),
+        schema=SCHEMA,
+        constants={name: row | {"at_bound": near < HELD_SHARE} for (name, row), near in pairs},
         rmse_v=float(np.sqrt((residual(best.x) ** 2).mean())),
         samples=n,
-        recordings=tuple(d.name for d in drives),
-        at_bound=tuple(name for name, near in zip(NAMES, share, strict=True) if near < HELD_SHARE),
+        recordings=[d.name for d in drives],
     )
 
 

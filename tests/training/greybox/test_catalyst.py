@@ -28,10 +28,10 @@ def a_drive(vehicle: int, capacity_g: float, n: int = 3000) -> CatalystDrive:
 
 def test_a_fit_orders_catalysts_of_other_equations_with_their_errors() -> None:
     small, large = (fit([a_drive(2, grams)], START) for grams in (0.05, 0.4))
-    assert small.constants.capacity_g < 0.1 < large.constants.capacity_g < 0.6
-    for fitted in (small, large):
-        assert 0.0 < fitted.errors.capacity_g < 0.5 * fitted.constants.capacity_g
-        assert abs(fitted.constants.offset_phi) < 0.006
+    grams = [fitted.constants["capacity_g"] for fitted in (small, large)]
+    assert grams[0]["value"] < 0.1 < grams[1]["value"] < 0.6
+    assert all(0.0 < each["standard_error"] < 0.5 * each["value"] for each in grams)
+    assert all(abs(each.constants["offset_phi"]["value"]) < 0.006 for each in (small, large))
 
 
 def test_a_fit_finds_the_constants_that_made_the_voltage_within_its_errors() -> None:
@@ -43,8 +43,9 @@ def test_a_fit_finds_the_constants_that_made_the_voltage_within_its_errors() -> 
         [CatalystDrive("own", PERIOD_S, drive.x, drive.air_g_s, noisy, drive.counts)], START
     )
     for name in ("capacity_g", "offset_phi", "to_lean_s"):
-        error = getattr(fitted.constants, name) - getattr(true, name)
-        assert abs(error) < 4.0 * getattr(fitted.errors, name) + 1e-4, name
+        found = fitted.constants[name]
+        error = found["value"] - getattr(true, name)
+        assert abs(error) < 4.0 * found["standard_error"] + 1e-4, name
     assert fitted.rmse_v == pytest.approx(0.01, rel=0.1)
 
 

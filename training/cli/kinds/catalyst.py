@@ -1,5 +1,6 @@
 """The part of ``o2train fit --kind greybox`` for a catalyst and its downstream sensor."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -31,7 +32,7 @@ def run(args: FitCommand) -> int:
     recordings = [_load(path, args) for path in args.recordings]
     check_each_once(recordings)
     fitted = fit([drive_of(recording) for recording in recordings])
-    tree = fitted.tree() | {"sha256": [recording.sha256 for recording in recordings]}
+    tree = asdict(fitted) | {"sha256": [recording.sha256 for recording in recordings]}
     write_text(args.out, json.dumps(tree, indent=1) + "\n")
     _print(args.out, fitted)
     return 0
@@ -56,10 +57,9 @@ def _load(path: Path, args: FitCommand) -> "Recording":
 
 def _print(out: Path, fitted: "FittedCatalyst") -> None:
     """Print the constants with their standard errors."""
-    tree = fitted.tree()
-    n, error = tree["samples"], tree["rmse_v"]
+    n, error = fitted.samples, fitted.rmse_v
     print(f"{out}: catalyst and downstream sensor, {n} warm samples, voltage within {error:.3f} V")
-    for name, row in tree["constants"].items():
+    for name, row in fitted.constants.items():
         value, std, unit = row["value"], row["standard_error"], row["unit"]
         told = "ended at its bound" if row["at_bound"] else f"± {std:.4f}"
         print(f"constant {name}: {value:.4f} {told} {unit}".rstrip())
