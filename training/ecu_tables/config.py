@@ -23,9 +23,8 @@ class TablesConfig:
 @cache
 def defaults() -> TablesConfig:
     """Return the settings of ``default.toml``."""
-    read: Mapping[str, Any] = ShippedSettings("training.ecu_tables").values()
-    of_tables = {name: read[name] for name in ("widest", "bluntest", "widening")}
-    return TablesConfig(**read["interval"], **read["cell"], **of_tables)
+    read: dict[str, Any] = {**ShippedSettings("training.ecu_tables").values()}
+    return TablesConfig(**read.pop("interval"), **read.pop("cell"), **read)
 
 
 def rough() -> TablesConfig:

@@ -57,11 +57,6 @@ class Air(StrEnum):
     SPEED_DENSITY = "manifold pressure"
     METER = "air meter behind the manifold"
 
-    @property
-    def kind(self) -> str:
-        """Return how the air is known: by density, or by a meter."""
-        return "density" if self in (Air.SPEED_DENSITY, Air.SPEED_DENSITY_VE) else "meter"
-
 
 AIR_NEEDS: Final = {  # the best first
     Air.STROKE: (MG_PER_STROKE,),

@@ -18,11 +18,12 @@ from training.ecu_tables import parameters as laws
 from training.ecu_tables.config import TablesConfig
 from training.ecu_tables.fit import FittedTables
 from training.ecu_tables.parameters import Parameters, Point, Vector
-from training.ecu_tables.signals import PULSE, WARM_DEGC
+from training.ecu_tables.signals import AIR_NEEDS, PULSE, WARM_DEGC
 from training.greybox.chain import SPEED_LEAST_RPM
 from training.greybox.quantity.value import Quantity, exp, log
 from training.recordings.ecu_table import (
     COOLANT_BANDS,
+    KPA,
     MG_PER_STROKE,
     Axis,
     CoolantBand,
@@ -106,7 +107,9 @@ def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[
         is_time = of_all[0].name == "wall_film_time"  # of the film before it
         dry = ~(made[-1].low > FILM_LEAST).ravel() if is_time else np.zeros(1, dtype=bool)
         made.append(_table(of_all[0], whole, logs, config, dry))
-    return [*made, _in_cycles(made[0])]
+    delay, per_s = made[0], np.asarray(axes.speed.values)[:, None] / 120.0  # of two revolutions
+    cycles = {name: getattr(delay, name) * per_s for name in ("estimate", "low", "high")}
+    return [*made, replace(delay, name="lambda_delay_cycles", unit="cycles", **cycles)]
 
 
 def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
@@ -147,8 +150,7 @@ def _nodes(p: Parameters, axes: TableAxes, samples: CellSamples, at: tuple[IntAr
     speeds = np.maximum(axes.speed.values, SPEED_LEAST_RPM)
     rpm, load = (m.ravel() for m in np.meshgrid(speeds, axes.load.values, indexing="ij"))
     cell = np.ravel_multi_index(at, (len(axes.speed.values), len(axes.load.values)))
-    usual = float(np.median(samples.per_load))
-    per_load = np.full(len(rpm), usual)
+    per_load = np.full(len(rpm), np.median(samples.per_load))
     if axes.load.name != MG_PER_STROKE:
         for k in np.unique(cell):
             per_load[k] = np.median(samples.per_load[cell == k])
@@ -163,7 +165,8 @@ def _cells(law: _Law, fitted: FittedTables, seen: CellSamples, config: TablesCon
     chosen = np.ones(len(flat), dtype=bool) if law.counted is None else law.counted
     number = np.bincount(flat[chosen], minlength=int(np.prod(shape)))
     seconds = np.bincount(flat[chosen], seen.seconds[chosen], minlength=len(number))
-    factor = config.widening[fitted.parameters.subject.air.kind][law.name]
+    by = "density" if KPA in AIR_NEEDS[fitted.parameters.subject.air] else "meter"
+    factor = config.widening[by][law.name]
     value = law.value(Vector(fitted.parameters, fitted.x, moving=True))
     free = value if law.name in LINKS else log(value)
     slopes = fitted.parameters.jacobian(free)
@@ -242,10 +245,3 @@ def _table(
         at_s=whole.at_s.reshape(shape),
         widened=float(np.median((half / alike)[kept])) if kept.any() else 1.0,
     )
-
-
-def _in_cycles(delay: EcuTable) -> EcuTable:
-    """Return the delay in engine cycles of two revolutions."""
-    per_s = np.asarray(delay.axes[0].values)[:, None] / 120.0
-    values = {name: getattr(delay, name) * per_s for name in ("estimate", "low", "high")}
-    return replace(delay, name="lambda_delay_cycles", unit="cycles", **values)

@@ -15,7 +15,7 @@ are those of a sandwich over blocks of ``BLOCK_S``, since errors of the model re
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,10 +27,8 @@ from monitor.base.types import BoolArray, FloatArray
 from training.greybox.chain import ConstantRange
 from training.greybox.fit.constants import sandwich, with_errors
 from training.greybox.fit.drive import block_numbers, until
+from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
-
-if TYPE_CHECKING:
-    from training.recordings.recording import Recording
 
 CELLS: Final = 4
 SUBSTEPS: Final = 4  # of a sample: a small cell fills within one
@@ -141,7 +139,7 @@ class FittedCatalyst:
     recordings: list[str]
 
 
-def drive_of(recording: "Recording") -> CatalystDrive:
+def drive_of(recording: Recording) -> CatalystDrive:
     """Return the fit's signals; raises RecordingError if a signal is missing."""
     config = shipped().catalyst
     missing = [name for name in NEEDED if name not in recording.known]

@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,10 +22,8 @@ from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.graph.effect_inputs import from_fuel_cut, with_margin
 from training.narx.export import write
 from training.narx.model_file import FreeRunFit, card_of, recorded
+from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, Role, prepare
-
-if TYPE_CHECKING:
-    from training.recordings.recording import Recording
 
 POOR_CORRELATION = 0.6  # a lower one is a warning
 WASHOUT_S = 5.0  # start of a stretch that is not fitted, longer than ``RECOVERY_S``
@@ -40,14 +37,14 @@ class GreyboxResult(FreeRunFit):
     fitted: Fitted
 
 
-def greybox_inputs(recordings: "Sequence[Recording]") -> tuple[str, ...]:
+def greybox_inputs(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return the chain's inputs: with the charge, else with its density, else the air meter."""
     common = frozenset.intersection(*(recording.known for recording in recordings))
     return CHARGE_INPUTS if has_own_charge(common) else inputs_of(common)
 
 
 def fit_greybox(
-    recordings: "Sequence[Recording]",
+    recordings: Sequence[Recording],
     out: Path | str,
     *,
     inputs: Sequence[str] | None = None,
@@ -84,9 +81,7 @@ def fit_greybox(
     further = [] if chosen else _further_inputs(own, data)
     if further:  # a cold engine's walls
         wider = (*inputs, *further)
-        return fit_greybox(
-            recordings, out, inputs=wider, output=output, seed=seed, progress=progress
-        )
+        return fit_greybox(recordings, out, inputs=wider, seed=seed, progress=progress)
     fitted, charge = fit_with_charge(drive, progress)
     greybox = replace(greybox, constants=fitted.constants, own=own, charge=charge)
     predicted = _free_run(data, u, greybox)

@@ -47,8 +47,7 @@ class Place:
 
     def ambient_kpa(self, without: float = STANDARD_KPA) -> Quantity:
         """Return the ambient pressure, or ``without`` if it is not measured."""
-        measured = "ambient_pressure_kpa" in self.signals
-        return self.signal("ambient_pressure_kpa") if measured else without
+        return self.signals.get("ambient_pressure_kpa", without)
 
     def flow_kg_h(self) -> Quantity:
         """Return the exhaust's mass flow from charge and engine speed."""
@@ -67,7 +66,6 @@ class Place:
 Values = Sequence[float]  # of an effect's parameters, in their order
 Changed = Mapping[str, Quantity]  # fields of the path with their new values
 Equation = Callable[[Place, Values], Changed]
-Tag = Literal["physics", "fault-like", "either"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +93,7 @@ class Effect:
     needs: tuple[str, ...] = ()  # signals without which the effect cannot be fitted
     optional: tuple[str, ...] = ()  # signals that the effect reads if they are present
     superseded: tuple[tuple[str, str], ...] = ()  # (optional signal, signal that replaces it)
-    tag: Tag
+    tag: Literal["physics", "fault-like", "either"]
     source: str = ""  # where the equation is from, in words
     like: tuple[str, ...] = ()  # names from which the effect cannot be told by construction
     gain_class: bool = False  # a constant factor on the mixture: seen against a reference only

@@ -38,11 +38,9 @@ def wall_film(at: Place, p: Values) -> Changed:
     Both grow by ``cold_growth`` per 60 K below a warm engine. Source: Aquino, SAE 810494.
     """
     share, time_s, cold_growth = p
-    fuel, grown = at.of("fuel_mg"), 1.0
-    if "coolant_temperature_degc" in at.signals:
-        cold = maximum(FILM_WARM_DEGC - at.signal("coolant_temperature_degc"), 0.0) / 60.0
-        grown = 1.0 + cold_growth * cold
-    strokes = at.strokes_per_s()
+    coolant = at.signals.get("coolant_temperature_degc", FILM_WARM_DEGC)
+    grown = 1.0 + cold_growth * (maximum(FILM_WARM_DEGC - coolant, 0.0) / 60.0)
+    fuel, strokes = at.of("fuel_mg"), at.strokes_per_s()
     landed = fuel * minimum(share * grown, FILM_SHARE_MAX)
     evaporated = at.lag(landed * strokes, time_s * grown) / strokes
     return {"fuel_mg": fuel - landed + evaporated}

@@ -67,9 +67,10 @@ class Fitted:
     at_bound: tuple[str, ...]
 
     @property
-    def standard_errors(self) -> Constants:
-        """One standard error of each constant, in its unit."""
-        return Constants(*np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist())
+    def rows(self) -> dict[str, dict[str, Any]]:
+        """Each constant for a card, see ``with_errors``."""
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return with_errors(self.constants, errors.tolist(), RANGES)
 
 
 def fit_constants(
@@ -154,9 +155,8 @@ def sandwich(jacobian: FloatArray, residual: FloatArray, block: np.ndarray) -> F
 def described(fitted: Fitted) -> dict[str, Any]:
     """Return the constants for a card: value, unit, bounds and standard error of each."""
     bounds = {name: {"low": each.low, "high": each.high} for name, each in RANGES.items()}
-    each = with_errors(fitted.constants, fitted.standard_errors, RANGES)
     return {
-        "constants": {name: one | bounds[name] for name, one in each.items()},
+        "constants": {name: row | bounds[name] for name, row in fitted.rows.items()},
         "covariance": fitted.covariance.tolist(),
         "standard_errors": STANDARD_ERRORS,
         "fixed": {
@@ -187,8 +187,7 @@ def reference(fitted: Fitted) -> dict[str, Any]:
         error = float(np.sqrt(max(np.dot(w, fitted.covariance) @ w, 0.0)))
         value = float(np.dot(w, fitted.constants))
         derived[name] = {"value": value, "standard_error": error, "unit": "s"}
-    each = with_errors(fitted.constants, fitted.standard_errors, RANGES)
-    return {"constants": each, "derived": derived, "standard_errors": STANDARD_ERRORS}
+    return {"constants": fitted.rows, "derived": derived, "standard_errors": STANDARD_ERRORS}
 
 
 def with_errors(

@@ -162,11 +162,9 @@ def make(
     cut = np.zeros(len(phi), dtype=bool) if told is None else told
     scored = good & ~until(cut, RECOVERY_S, period_s)
     scored &= ~until(good & (phi < CUT_PHI), AFTER_CUT_READ_S, period_s)
-    scored &= ~until(~inputs_good, AFTER_GAP_S, period_s)
-    if "sensor_ready" in held:
-        scored &= held["sensor_ready"] > 0.5
-    if "engine_speed_rpm" in held:
-        scored &= ~until(held["engine_speed_rpm"] < 400.0, AFTER_GAP_S, period_s)
+    stands = np.asarray(held.get("engine_speed_rpm", np.inf) < 400.0)
+    scored &= ~until(~inputs_good | stands, AFTER_GAP_S, period_s)
+    scored &= held.get("sensor_ready", 1.0) > 0.5
     scored[: round(AFTER_GAP_S / period_s)] = False
     seconds = float(scored.sum()) * period_s
     if seconds < MIN_SCORED_S:

@@ -80,6 +80,7 @@ class ChainDifference(Greybox):
         signals : by name, in physical units, each (batch, 1); state : (batch, n_states)
         """
         without, before = self.without.traced(graph, signals, state)
-        read, behind = self.traced(graph, signals, state, before.size)
+        rest = graph.take(state, before.size, self.n_states)
+        read, behind = self.traced(graph, signals, rest)
         ahead = graph.add("Concat", [*before.next_state, *behind.next_state], axis=1)
         return graph.add("Sub", [read.name, without.name]), ahead

@@ -154,14 +154,13 @@ class Greybox:
         return np.asarray(simulate(self.path(signals), self.period_s))
 
     def traced(
-        self, graph: Graph, inputs: Mapping[str, str], state: str, first: int = 0
+        self, graph: Graph, inputs: Mapping[str, str], state: str
     ) -> tuple[Value, StepTrace]:
         """Add the chain to a graph; return the reading phi and the trace with the next state.
 
-        inputs : tensor (batch, 1) of each; state : tensor of which the chain has the columns from
-        ``first`` on
+        inputs : tensor (batch, 1) of each; state : tensor that begins with the chain's state
         """
-        trace = StepTrace(graph, state, self.register, first)
+        trace = StepTrace(graph, state, self.register)
         given = {name: Value(trace, inputs.get(name, name)) for name in self.inputs}
         return simulate(self.path(self.seen(given)), self.period_s), trace
 

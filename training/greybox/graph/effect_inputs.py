@@ -8,7 +8,7 @@ import numpy as np
 from monitor.base.errors import ModelError
 from monitor.base.signals import BY_NAME, unit_of
 from monitor.model.card import Channel
-from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM, inputs_of
+from training.greybox.chain import AIR_LEAST_MG, SPEED_LEAST_RPM
 from training.greybox.effects.model_effect import FUEL, ModelEffect
 from training.recordings.samples.scaling import MARGIN
 
@@ -20,9 +20,7 @@ SURROUNDINGS = "context"  # role of signals that change between drives and hardl
 
 def seeing(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> ModelEffect:
     """Return an effect that reads the present signals; raises ModelError if it lacks one."""
-    available = {*inputs, *ranges}
-    if SPEED not in inputs_of(available):  # then the chain works it out
-        available.add(SPEED)
+    available = {*inputs, *ranges, SPEED}  # which a chain works out if it is no input
     missing = [name for name in added.effect.needs if name not in available]
     if missing:
         raise ModelError(

@@ -61,8 +61,8 @@ def _with_slopes(late: FloatArray, u: Quantity, drop: Quantity, newest: Quantity
     """Return what a lag made of ``u``, with its derivatives if there are any to have."""
     if not any(isinstance(each, Dual) for each in (u, drop, newest)):
         return late
-    last, weights = _before(value_of(u)), (_row(value_of(drop)), _row(value_of(newest)))
-    moves = moved(late, (drop, last - _before(late)), (newest, value_of(u) - last))
+    last, weights = delayed(value_of(u), 1.0), (_row(value_of(drop)), _row(value_of(newest)))
+    moves = moved(late, (drop, last - delayed(late, 1.0)), (newest, value_of(u) - last))
     slopes = {}
     for group in {**moves.slopes, **(u.slopes if isinstance(u, Dual) else {})}:
         none = group.spread(0.0, 1)
@@ -70,10 +70,6 @@ def _with_slopes(late: FloatArray, u: Quantity, drop: Quantity, newest: Quantity
         own = u.spread(group) if isinstance(u, Dual) and group in u.slopes else none
         slopes[group] = _carried(own, *weights, source, len(late))
     return Dual(late, slopes)
-
-
-def _before(x: FloatArray) -> FloatArray:
-    return np.concatenate([x[:1], x[:-1]])
 
 
 @njit(cache=True)

@@ -136,17 +136,16 @@ def hats(x: Quantity, knots: FloatArray) -> Quantity:
 class StepTrace:
     """Nodes of equations with the places of their states.
 
-    state : name of the tensor (batch, n), of which the columns from ``first`` on are this trace's
+    state : name of the tensor (batch, n) that begins with this trace's state
     register : samples of the longest delay
     """
 
-    def __init__(self, graph: "Graph", state: str, register: int, first: int = 0) -> None:
-        self.graph, self.register = graph, register
-        self._state, self._first = state, first
+    def __init__(self, graph: "Graph", state: str, register: int) -> None:
+        self.graph, self.register, self._state = graph, register, state
         self._kept: dict[int, str] = {}
         self.size = READING + 1
         mark = self.place()
-        begun = self.take(state, first + mark)
+        begun = self.take(state, mark)
         self._begun = begun > 0.5
         self.keep(mark, clip(begun, 1.0, 1.0))
 
@@ -162,7 +161,7 @@ class StepTrace:
 
     def old(self, place: int, first: Value, width: int = 1) -> Value:
         """Return what was kept at a place, ``first`` in the first step."""
-        return where(self._begun, self.take(self._state, self._first + place, width), first)
+        return where(self._begun, self.take(self._state, place, width), first)
 
     def keep(self, place: int, value: Value) -> Value:
         """Keep a value for the next step; return it."""
