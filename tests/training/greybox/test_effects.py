@@ -1,12 +1,16 @@
 """The library of effects: each changes the mixture's way as its physics says, and nothing else."""
 
+from importlib.metadata import EntryPoint
+from pathlib import Path as FilePath
+
 import numpy as np
 import pytest
 
+from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.greybox.chain import Constants, Path, base_path, simulate
-from training.greybox.effects import LIBRARY, Effect
+from training.greybox.effects import GROUP, LIBRARY, Effect, _loaded
 from training.greybox.effects.air import following
 
 BASE = Constants()
@@ -163,3 +167,12 @@ def test_pressure_behind_the_engine_raises_the_span_with_the_flow() -> None:
     before, after, _ = _with("back_pressure", 1.0)
     assert np.corrcoef(after.span, flow)[0, 1] > 0.9
     assert after.span.max() > 1.1 * before.span
+
+
+def test_an_effect_whose_plug_in_fails_without_a_word_is_named(
+    tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own_effect.py").write_text("raise RuntimeError\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(UsageError, match="the effect own_effect:oil fails: RuntimeError"):
+        _loaded(EntryPoint("oil", "own_effect:oil", GROUP))
