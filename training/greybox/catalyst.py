@@ -210,8 +210,8 @@ def _errors(
     drives: Sequence[CatalystDrive], theta: FloatArray, jacobian: FloatArray, error: FloatArray
 ) -> Catalyst:
     """Return one standard error of each constant, in its unit."""
-    rows = [np.flatnonzero(d.counts) for d in drives]
-    block = block_numbers(rows, round(BLOCK_S / drives[0].period_s))
+    blocks = [np.flatnonzero(d.counts) // round(BLOCK_S / d.period_s) for d in drives]
+    block = block_numbers(blocks, 1)
     # the rows come scaled by (1 + z²)^-0.75, so that their product is the Hessian of the soft L1
     pull = (1.0 + (error / ROBUST_V) ** 2) ** 0.25 * error
     number = int(block[-1]) + 1

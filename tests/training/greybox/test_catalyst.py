@@ -49,6 +49,20 @@ def test_a_fit_finds_the_constants_that_made_the_voltage_within_its_errors() -> 
     assert fitted.rmse_v == pytest.approx(0.01, rel=0.1)
 
 
+def test_standard_errors_do_not_depend_on_which_of_two_periods_comes_first() -> None:
+    # GIVEN two drives on grids of different periods
+    fine, every = a_drive(2, 0.2, 6000), slice(None, None, 3)
+    arrays = (each[every] for each in (fine.x, fine.air_g_s, fine.measured_v, fine.counts))
+    coarse = CatalystDrive("coarse", 3.0 * PERIOD_S, *arrays)
+    # WHEN they are fitted in either order
+    errors = [
+        fit(drives, START).constants["capacity_g"]["standard_error"]
+        for drives in ([fine, coarse], [coarse, fine])
+    ]
+    # THEN errors within the same seconds are allowed for
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
 def test_too_few_warm_samples_are_refused() -> None:
     drive = a_drive(1, 0.2, 500)
     with pytest.raises(RecordingError, match="warm"):
