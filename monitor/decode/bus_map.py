@@ -94,7 +94,7 @@ def read_database(path: Path) -> tuple[Database, tuple[str, ...]]:
         except Exception:  # cantools raises its parsers' own errors
             if path.suffix.lower() != ".dbc":
                 raise
-            text = raw.decode("cp1252", errors="replace")
+            text = raw.removeprefix(b"\xef\xbb\xbf").decode("cp1252", errors="replace")
             database, notes = read(text, lambda text: load_string(text, "dbc", strict=False))
     except OSError as error:
         raise SignalMapError(f"{path}: cannot read the CAN database: {error.strerror}") from error

@@ -20,6 +20,9 @@ def read(folder: Path, text: str) -> tuple[dict[str, list[str]], tuple[str, ...]
 
 def test_a_sound_database_is_read_as_it_stands(tmp_path: Path) -> None:
     assert read(tmp_path, GOOD) == ({"Engine": ["Speed"]}, ())
+    # AND so is one with an editor's mark of UTF-8 before it
+    (tmp_path / "car.dbc").write_text(HEAD + GOOD, encoding="utf-8-sig")
+    assert [m.name for m in read_database(tmp_path / "car.dbc")[0].messages] == ["Engine"]
 
 
 def test_a_long_identifier_without_its_mark_is_one_of_29_bits(tmp_path: Path) -> None:
