@@ -26,7 +26,7 @@ from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
-from monitor.mapping.fit import SURE, Description, QuantityFit, fit_of
+from monitor.mapping.fit import SEVERAL, SURE, Description, QuantityFit, fit_of
 from monitor.mapping.proposal import Entry, SignalCandidate, entries, propose, toml
 from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, VARYING, match, words_of
 
@@ -126,7 +126,8 @@ def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> 
         return None
     if name not in QUANTITIES or converts:
         return own
-    unit = stated_unit(column, STOICHIOMETRIC) or (own.units[0] if len(own.units) == 1 else "")
+    usual = () if QUANTITIES[name].unit.quantity in SEVERAL else own.units
+    unit = stated_unit(column, STOICHIOMETRIC) or (usual[0] if len(usual) == 1 else "")
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
     if not fit or fit.doubt:
         return None

@@ -175,6 +175,7 @@ def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: 
         ("Lambda", "1", "lambda_measured"),  # a constant
         ("MAF Req [g/s]", "", "maf_kg_h"),  # commanded
         ("Speed", "", "vehicle_speed_km_h"),  # km/h or mph?
+        ("Vehicle Speed", "", "vehicle_speed_km_h"),  # whatever other loggers mean by it
         ("Vehicle speed (furlongs)", "", "vehicle_speed_km_h"),  # a known name with a new unit
         ("Airmass (bananas/stk)", "", "air_mass_mg"),  # a unit that nobody knows
     ],
