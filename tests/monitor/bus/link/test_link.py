@@ -131,6 +131,7 @@ def test_after_an_interface_was_sound_again_its_next_loss_is_tried_at_once() -> 
     bench = Bench(PlayedBus([down()]), [*lost_for_long, steady, PlayedBus([message()])])
     while bench.health.reconnects < 1:
         bench.port.receive(0.1)
+    assert (bench.health.state, bench.port.is_off) == ("active", False)  # though nothing came yet
     back_s = bench.now_s
     bench.now_s += 60.0
     while bench.health.reconnects < 2:
@@ -222,6 +223,12 @@ def test_a_controller_comes_back_by_its_word_or_by_a_frame(back: can.Message) ->
     assert bench.port.is_off  # silence proves nothing
     bench.port.receive(0.1)
     assert (bench.health.state, bench.port.is_off) == ("active", False)
+
+
+def test_a_controller_that_goes_and_comes_is_told_of_once_in_a_while() -> None:
+    bench = Bench(PlayedBus([error(0x40), message()] * 20))
+    bench.receive(40)
+    assert (bench.health.bus_off, len(bench.said)) == (20, 1)
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
