@@ -23,12 +23,11 @@ def test_the_monitor_listens_again_after_its_interface_was_gone_and_an_ecu_is_po
     notes = re.findall(r"^bus: (lost|back)", finished.stdout, re.MULTILINE)
     health: dict[str, Any] = json.loads([line for line in lines if '"kind": "health"' in line][-1])
     # THEN every frame sent while the interface was up came, before and after each loss
-    assert health["frames"] == N_SENT
-    assert (health["losses"], health["reconnects"], health["state"]) == (2, 2, "active")
+    wanted = {"frames": N_SENT, "losses": 2, "reconnects": 2, "detached": 0}
+    wanted |= {"state": "active", "timestamps": "kernel"}
+    assert health | wanted == health
     assert notes == ["lost", "back"] * 2
-    assert health["timestamps"] == "kernel"
     assert health["receive_buffer_bytes"] > 1 << 20
-    assert health["detached"] == 0
     # AND an ECU there was polled meanwhile, with answers of several frames (ISO-TP)
     asked = re.search(r"OBD-II: (\d+) requests, (\d+) answered$", finished.stdout, re.MULTILINE)
     assert asked is not None, finished.stdout

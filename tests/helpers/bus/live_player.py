@@ -1,6 +1,7 @@
 """Plays frames through a pipeline into the live page's feed, as the loop would."""
 
 import json
+import socket
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -25,6 +26,11 @@ def until(condition: Callable[[], object], seconds: float = 15.0) -> bool:
     while not condition() and time.monotonic() < end_s:
         time.sleep(0.02)
     return bool(condition())
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])
 
 
 class Sink:

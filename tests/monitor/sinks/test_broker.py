@@ -21,7 +21,7 @@ from monitor.sinks.mqtt import Mqtt
 from monitor.sinks.outlet import Outlet
 from monitor.sinks.record import Record
 from tests.helpers.bus.beside import beside, send_as_driven
-from tests.helpers.bus.live_player import until
+from tests.helpers.bus.live_player import free_port, until
 from tests.helpers.logs.replays import frames_of
 
 
@@ -34,11 +34,6 @@ def program(name: str) -> str:
             pytest.fail(reason)
         pytest.skip(reason)
     return found
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return int(free.getsockname()[1])
 
 
 def accepts(port: int) -> bool:

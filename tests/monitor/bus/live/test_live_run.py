@@ -13,15 +13,10 @@ import pytest
 
 from monitor import cli
 from tests.helpers.bus.beside import beside, send_as_driven
+from tests.helpers.bus.live_player import free_port
 from tests.helpers.logs.replays import frames_of
 
 CHANNEL = "live-page"
-
-
-@pytest.fixture
-def port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return int(free.getsockname()[1])
 
 
 def drive(_: threading.Event) -> None:
@@ -43,10 +38,8 @@ def watch(url: str, seconds: float, into: list[dict[str, Any]]) -> None:
             time.sleep(0.05)
 
 
-def test_a_run_shows_its_page_while_it_judges(
-    port: int, capsys: pytest.CaptureFixture[str]
-) -> None:
-    seen: list[dict[str, Any]] = []
+def test_a_run_shows_its_page_while_it_judges(capsys: pytest.CaptureFixture[str]) -> None:
+    seen, port = list[dict[str, Any]](), free_port()
     url = f"http://127.0.0.1:{port}/"
     run = ["run", "-i", "virtual", "-c", CHANNEL, "--live", str(port), "--duration", "4"]
     with beside(lambda _: watch(url, 10.0, seen)), beside(drive):
@@ -77,9 +70,8 @@ def test_a_taken_port_or_a_false_host_ends_the_command(capfd: pytest.CaptureFixt
             assert re.fullmatch(rf"o2mon: --live {where}: .*{why}.*\n", said)
 
 
-def test_a_page_that_others_can_reach_is_warned_of(
-    port: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_page_that_others_can_reach_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
+    port = free_port()
     run = ["run", "-i", "virtual", "-c", CHANNEL, "--duration", "0.3", "--live", f"0.0.0.0:{port}"]
     assert cli.main(run) == 3
     lines = capsys.readouterr().out.splitlines()
