@@ -44,22 +44,22 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
         falls = np.diff(t_s, prepend=t_s[:1]) < -0.5 * wraps_s
         t_s += wraps_s * np.cumsum(falls)
         notes.count("clock_wraps", int(falls.sum()))
-    if len(t_s) > 1 and t_s[1] < t_s[0] - JITTER_S:  # one row is no log of its own
-        keep[np.flatnonzero(keep)[0]] = False
-        t_s = t_s[1:]
-        notes.count("rows_out_of_order", 1)
+    before, after = np.append(-np.inf, t_s)[:-1], np.append(t_s, np.inf)[1:]
+    is_odd = (t_s > after + JITTER_S) | (t_s < before - JITTER_S)
+    lone = is_odd & (after >= before)  # one row is no log of its own
+    keep[keep] = ~lone
+    t_s = t_s[~lone]
     steps = np.diff(t_s, prepend=t_s[:1])
     anew = steps < -JITTER_S
-    if anew.any():
-        notes.count("logs_begun_anew", int(anew.sum()))
-        t_s += np.cumsum(np.where(anew, ANEW_S - steps, 0.0))
+    notes.count("logs_begun_anew", int(anew.sum()))
+    t_s += np.cumsum(np.where(anew, ANEW_S - steps, 0.0))
     step_ns = 1 if np.abs(t_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
     t_ns: IntArray = np.rint(t_s * (1e9 / step_ns)).astype(np.int64) * step_ns
     older = t_ns < np.maximum.accumulate(t_ns)
     repeated = np.zeros(len(t_ns), dtype=bool)
     ordered = np.flatnonzero(~older)
     repeated[ordered[:-1]] = np.diff(t_ns[ordered]) == 0
-    notes.count("rows_out_of_order", int(older.sum()))
+    notes.count("rows_out_of_order", int(older.sum() + lone.sum()))
     notes.count("repeated_times", int(repeated.sum()))
     good = ~older & ~repeated
     keep[keep] = good

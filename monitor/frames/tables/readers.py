@@ -53,7 +53,7 @@ def open_table(path: Path, pivot: Pivot | None = None) -> RawTable:
     suffix = suffix_of(path)
     if not is_readable(path):
         raise RecordingError(
-            f"{path}: not a table; 'o2train table' reads .mf4 and .mdf and writes .csv"
+            f"{path}: not a table; 'o2train table' reads .mf4, .mdf; text ends in {' '.join(TEXT)}"
         )
     try:
         if suffix in plugins():

@@ -206,6 +206,15 @@ def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:
     assert any("1 row older" in line for line in table.notes.lines)
 
 
+def test_one_row_with_a_damaged_time_costs_itself_alone(proposed: Proposed) -> None:
+    table, _ = proposed(
+        "Time,RPM,AFR\n" + rows(lambda i: f"{ {10: 5000, 30: 0}.get(i, i / 10) },{RPM[i]},{AFR[i]}")
+    )
+    assert len(table.t_ns) == len(ROWS) - 2
+    assert table.t_ns[-1] == 3_900_000_000
+    assert "2 rows older than one before left out" in table.notes.lines
+
+
 def test_neither_a_speed_that_rises_nor_a_distance_is_the_time(proposed: Proposed) -> None:
     with pytest.raises(RecordingError, match=r"no column of time \(none named\)"):
         proposed("Duration,RPM,Run (km)\n" + rows(lambda i: f"72:4354:{i},{RPM[i]},{i / 9}"))
