@@ -171,11 +171,11 @@ def test_a_recording_read_otherwise_is_another_one(tmp_path: Path) -> None:
     assert first.sha256 == other.sha256
 
 
-def measurement(path: Path, rasters: dict[str, float]) -> None:
+def measurement(path: Path, rasters: dict[str, float], unit: str = "-") -> None:
     with MDF(version="4.10") as mdf:
         for name, step_s in rasters.items():
             t_s = np.arange(0, 5, step_s)
-            mdf.append(Signal(samples=np.floor(t_s), timestamps=t_s, name=name, unit="-"))
+            mdf.append(Signal(samples=np.floor(t_s), timestamps=t_s, name=name, unit=unit))
         mdf.save(path)
 
 
@@ -202,6 +202,22 @@ def test_a_measurement_file_at_one_raster_is_used_sample_for_sample(tmp_path: Pa
     measurement(path, {"a": 0.02, "b": 0.02})
     got = load(path)
     assert (got.names, got.period_ns, len(got.t_s)) == (("a", "b"), 20_000_000, 250)
+
+
+def test_the_unit_of_a_channel_is_that_of_the_signal_or_converted_or_refused(
+    tmp_path: Path,
+) -> None:
+    path, columns = tmp_path / "m.mf4", tmp_path / "channels.toml"
+    columns.write_text('coolant_temperature_degc = "tmot"\n')
+    measurement(path, {"tmot": 0.1}, "degF")
+    assert load(path, columns=columns).column("coolant_temperature_degc")[0] == pytest.approx(
+        -17.78, abs=0.01
+    )
+    measurement(tmp_path / "other.mf4", {"tmot": 0.1}, "kPa")
+    with pytest.raises(
+        RecordingError, match=r"'tmot' has the unit kPa, one of coolant_.* \(degC\)"
+    ):
+        load(tmp_path / "other.mf4", columns=columns)
 
 
 def test_the_monitor_says_how_to_read_a_measurement_file(tmp_path: Path) -> None:

@@ -10,8 +10,12 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, IntArray
 from monitor.frames import mdf as mdf4
+from monitor.frames.profiles.conversion import Choice, converted, is_of_quantity
+from monitor.frames.profiles.profile import STOICH_AFR, Profile, Source
+from monitor.frames.tables.raw_table import RawColumn
 from monitor.grid.columns import Column, load_columns
 from monitor.grid.tables import TIME
 
@@ -41,6 +45,7 @@ def read_measurement(
     """Return times in nanoseconds and values of each channel, each at its own raster.
 
     columns : a columns map that names the channels; without it all numeric channels
+    A unit that the file states is converted to that of the signal, unless the map converts.
     A channel that was recorded at several rasters is taken from the fastest.
     Raises RecordingError if the file cannot be read or lacks a channel.
     """
@@ -51,7 +56,7 @@ def read_measurement(
         mapping = {name: each for name, each in mapping.items() if name != TIME}
         found = {}
         for name, each in mapping.items():
-            series = _series(path, mdf, each)
+            series = _series(path, mdf, name, each)
             if series is not None:
                 found[name] = series
     if not found:
@@ -59,8 +64,8 @@ def read_measurement(
     return found
 
 
-def _series(path: Path, mdf: Any, column: Column) -> tuple[IntArray, FloatArray] | None:
-    """Return one channel, None if it holds no numbers."""
+def _series(path: Path, mdf: Any, name: str, column: Column) -> tuple[IntArray, FloatArray] | None:
+    """Return one channel in the unit of the signal, None if it holds no numbers."""
     places = mdf.channels_db.get(column.column)
     if not places:
         raise RecordingError(f"{path}: no channel {column.column!r} in the measurement file")
@@ -71,6 +76,12 @@ def _series(path: Path, mdf: Any, column: Column) -> tuple[IntArray, FloatArray]
         return None
     t_ns: IntArray = np.rint(np.asarray(signal.timestamps) * 1e6).astype(np.int64) * 1000
     values = samples.astype(np.float64) * column.factor + column.offset
+    if name in BY_NAME and (column.factor, column.offset) == (1.0, 0.0):
+        source, raw = Source(column=column.column), RawColumn(column.column, signal.unit)
+        if not is_of_quantity(name, source, raw, STOICH_AFR):
+            wanted = f"one of {name} ({BY_NAME[name].unit}) is wanted"
+            raise RecordingError(f"{path}: channel {raw.name!r} has the unit {raw.unit}, {wanted}")
+        values = converted(Profile(name="", title=""), Choice(name, source, 0), raw, values)
     if signal.invalidation_bits is not None:
         values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
     if np.any(np.diff(t_ns) < 0):
