@@ -23,7 +23,7 @@ from monitor.grid.column_times import interval
 from training.ecu_tables.config import defaults
 from training.greybox.chain import CYLINDERS, KG_H_PER_MG_RPM, SPEED_LEAST_RPM
 from training.greybox.quantity.dynamics import delayed
-from training.recordings.ecu_table import KPA, MG_PER_STROKE
+from training.recordings.ecu_table import KPA, MG_PER_STROKE, RAIL_REFERENCE_MPA
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
 
@@ -189,9 +189,10 @@ def _drive(
     load_values = held[KPA] if load == KPA else charge
     coolant = held.get("coolant_temperature_degc", np.full(len(rpm), WARM_DEGC))
     volts = held.get("battery_voltage_v", np.full(len(rpm), VOLTS))
-    rail = held["rail_pressure_mpa"] if "rail_pressure_mpa" in common else None
+    direct = {PULSE, "rail_pressure_mpa"} <= set(common)
+    rail = held["rail_pressure_mpa"] if direct else np.full(len(rpm), RAIL_REFERENCE_MPA)
     of, which = _stays(phi)
-    known = [rpm, charge, fuel, load_values, volts, coolant]
+    known = [rpm, charge, fuel, load_values, volts, coolant, rail]
     rejected = {
         "a signal has no value": ~np.isfinite([*known, phi]).all(axis=0),
         "the engine stands": ~(rpm > SPEED_LEAST_RPM),
@@ -202,7 +203,7 @@ def _drive(
     }
     usable = ~np.any(list(rejected.values()), axis=0)
     first = np.argmax([*rejected.values(), usable], axis=0)
-    rpm, charge, fuel, load_values, volts, coolant = map(hold, known)
+    rpm, charge, fuel, load_values, volts, coolant, rail = map(hold, known)
     half = round(AIR_ACROSS_S / 2.0 / period_s)
     raw = np.maximum(charge, 10.0)
     smooth = raw if air is Air.METER else np.maximum(_smooth(raw, AIR_S / period_s), 10.0)
@@ -215,7 +216,7 @@ def _drive(
         load=load_values,
         commanded=fuel,
         volts=np.clip(_smooth(volts, VOLTS_S / period_s), 6.0, 18.0),
-        pressure=np.ones(len(rpm)) if rail is None else np.sqrt(np.maximum(hold(rail), 0.1) / 10),
+        pressure=np.sqrt(np.maximum(rail, 0.1) / RAIL_REFERENCE_MPA),
         air=smooth,
         command=np.ones(len(rpm)) if air is Air.METER else smooth / raw,
         cold=np.maximum(WARM_DEGC - coolant, 0.0) / 60.0,

@@ -298,6 +298,16 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
             subject_of([recording], **size)
 
 
+def test_where_the_rail_pressure_is_lost_no_pulse_tells_a_flow(tmp_path: Path) -> None:
+    # GIVEN a log of direct injection whose rail pressure is lost for half a minute
+    whole = load(log_of(tmp_path, "direct", "speed_density", 90.0))
+    lossy = changed(whole, "rail_pressure_mpa", np.nan, slice(600, 1200))
+    # THEN that half minute counts nowhere but in its first second, for which the value is held
+    usable = subject_of([lossy]).drives[0].usable
+    assert not usable[620:1200].any()
+    np.testing.assert_array_equal(usable[:600], subject_of([whole]).drives[0].usable[:600])
+
+
 def test_direct_injection_has_its_short_dead_time(tmp_path: Path) -> None:
     # GIVEN a car whose drive is explained nearly as well by a wet wall and a long dead time
     log = log_of(tmp_path, "direct", "speed_density", 200.0, vehicle=216, seed=21600)

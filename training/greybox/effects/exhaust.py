@@ -91,8 +91,7 @@ def fuel_cut_tail(at: Place, p: Values) -> Changed:
     """
     depth, time_s, exponent = p
     runs = at.injecting()
-    cut = where(runs, 0.0, 1.0)
-    tail = at.lag(cut, time_s * (TAIL_FLOW_KG_H / at.flow_kg_h()) ** exponent)
+    tail = at.lag(where(runs, 0.0, 1.0), time_s * (TAIL_FLOW_KG_H / at.flow_kg_h()) ** exponent)
     kept = maximum(1.0 - depth * where(runs, tail, 0.0), TAIL_FACTOR_MIN)
     return {"gas_factor": at.of("gas_factor") * kept}
 
