@@ -145,7 +145,7 @@ def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
 
 def _time_columns(raw: RawTable, cells: FloatArray, signals: Collection[str]) -> list[str]:
     """Return the columns that tell the time: by name, as clocks, else the first that rises."""
-    clocks = [column.name for column in raw.columns if column.kind == "clock"]
+    clocks = [each.name for each in raw.columns if each.name and each.kind == "clock"]
     named = [n for n in raw.names if match({"clock": 1.0}, words_of(name_and_unit(n)[0]))[0]]
     if not (named or clocks) and len(cells) > 1:
         steps = np.diff(cells, axis=0)

@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import isnan
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -22,7 +23,7 @@ from monitor.frames.units import unit_of
 
 OWN_TIME: Final = "time_s"  # first column of the project's own tables
 HEAD_BYTES: Final = 1 << 18
-LINES: Final = 60  # of the head that are looked at
+LINES: Final = (60, 400)  # of the head that are looked at, the second if the first tell nothing
 _SEPARATORS: Final = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", " ": "blanks"}
 _BOMS: Final = {codecs.BOM_UTF8: "utf-8-sig"} | dict.fromkeys(
     (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE), "utf-16"
@@ -90,10 +91,11 @@ def dialect_of(path: Path) -> Dialect:
     lines = head.decode(encoding, errors="ignore").splitlines()
     if len(head) == HEAD_BYTES:
         lines = lines[:-1]
-    lines = [line for line in lines if line.strip()][:LINES]
+    lines = [line for line in lines if line.strip()]
     *marks, blank = _SEPARATORS
-    found = [each for each in (_layout(lines, separator) for separator in marks) if each]
-    found = found or [each for each in [_layout(lines, blank)] if each]
+    found: list[_TextLayout] = []
+    for separators, most in product((marks, [blank]), LINES):
+        found = found or [each for s in separators if (each := _layout(lines[:most], s))]
     if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
     best = max(found, key=lambda each: (each.support * each.width, each.width))
@@ -164,11 +166,8 @@ def _header(
     rows: Sequence[Sequence[str]], is_data: Sequence[bool], data: int, width: int
 ) -> list[int]:
     """Return the rows of the header, up to four; titles of sections may part it from the data."""
-    below = data - 1
-    while (
-        below >= max(0, data - _TITLES)
-        and sum(bool(cell.strip()) for cell in rows[below]) <= 1 < width
-    ):
+    below, filled = data - 1, [sum(bool(cell.strip()) for cell in row) for row in rows[:data]]
+    while below >= 0 and filled[below] <= int(below >= data - _TITLES) < width:  # blank, or a title
         below -= 1
     above = below
     while (

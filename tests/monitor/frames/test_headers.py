@@ -77,6 +77,18 @@ TABLES = {
         + rows(lambda i: f"{i / 10:.3E};{RPM[i]};{AFR[i]:.4E}".replace(".", ",")),
         {"engine_speed_rpm": "RPM", "lambda_measured": "AFR"},
     ),
+    "many settings above the table": (
+        "".join(f"Setting {i},{i}\n" for i in range(99))
+        + "Time,RPM,Lambda\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 14.7}"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "Lambda"},
+    ),
+    "blank rows below the names": (
+        "Time,RPM,Lambda\n"
+        + ",,\n" * 30
+        + rows(lambda i: f"00:00:0{i / 10},{RPM[i]},{AFR[i] / 14.7}"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "Lambda"},
+    ),
     "padded cells": (
         "TimeStamp; nmot_w    ; mshfm_w   ; lamsoni_w\n  sec.ms ; rpm       ; g/s       ; -\n"
         + rows(lambda i: f"    {i / 10:.3f}; {RPM[i]}      ; {AIR[i]}  ; {AFR[i] / 14.7:.5f}"),
