@@ -1,12 +1,14 @@
 """Drives of a fleet: their recordings, vehicles and chunks."""
 
 import csv
+import io
 import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -65,13 +67,12 @@ def drives_of(
     Raises UsageError if there is no recording, a recording is listed twice, or a manifest, path or
     pattern is wrong.
     """
-    excluded = tuple(str(path.absolute()) for path in besides)
-    inside = tuple(f"{path}/" for path in excluded)
+    excluded = [path.resolve() for path in besides]
     vehicle_of: dict[str, str] = {}
     seen = set[str]()
     for path, vehicle in chain.from_iterable(map(_listed, given)):
         place = str(Path(path).absolute()) if places.is_local(path) else path
-        if place in excluded or place.startswith(inside):
+        if places.is_local(path) and any(map(Path(path).resolve().is_relative_to, excluded)):
             continue
         if place in seen:
             raise UsageError(f"{path}: is there twice")
@@ -80,7 +81,7 @@ def drives_of(
     if not vehicle_of:
         raise UsageError(f"{', '.join(given)}: no recording there but what the run itself writes")
     names = Counter(vehicle or places.name_of(path) for path, vehicle in vehicle_of.items())
-    declared, copies = _Declared(), _copies(vehicle_of)
+    entries_of, copies = cache(_entries), _copies(vehicle_of)  # each manifest.json is read once
     count: dict[str, int] = {}
     drives = []
     for number, (path, named) in enumerate(vehicle_of.items()):
@@ -93,7 +94,7 @@ def drives_of(
                 path=path,
                 vehicle=vehicle,
                 drive=drive,
-                declared=declared.of(path),
+                declared=_declared(entries_of(places.folder_of(path)).get(name, {})),
                 is_alone=not named,
                 copy_of=copies.get(path),
             )
@@ -118,8 +119,8 @@ def chunks_of(drives: Iterable[FleetDrive]) -> list[Chunk]:
 
 
 def digest(drives: Sequence[FleetDrive]) -> str:
-    """Return the sha256 of the paths, vehicles and declared digests of all drives."""
-    lines = (json.dumps([d.path, d.vehicle, d.declared]) for d in drives)
+    """Return the sha256 of paths, vehicles, declared digests and local sizes of all drives."""
+    lines = (json.dumps([d.path, d.vehicle, d.declared, _size_of(d.path)]) for d in drives)
     return places.sha256_of("\n".join(lines))
 
 
@@ -129,9 +130,8 @@ def _copies(paths: Iterable[str]) -> dict[str, str]:
     Only files of equal size are read.
     """
     by_size: dict[int, list[str]] = {}
-    for path in filter(places.is_local, paths):
-        with suppress(OSError):
-            by_size.setdefault(Path(path).stat().st_size, []).append(path)
+    for path in paths:
+        by_size.setdefault(_size_of(path), []).append(path)
     alike = (path for size, group in by_size.items() if size and len(group) > 1 for path in group)
     first: dict[str, str] = {}
     copies = {}
@@ -141,6 +141,13 @@ def _copies(paths: Iterable[str]) -> dict[str, str]:
             if earlier != path:
                 copies[path] = earlier
     return copies
+
+
+def _size_of(path: str) -> int:
+    """Return the bytes of a file of this machine, 0 for one elsewhere or none."""
+    with suppress(OSError):
+        return Path(path).stat().st_size if places.is_local(path) else 0
+    return 0
 
 
 def _listed(given: str) -> list[tuple[str, str]]:
@@ -156,7 +163,7 @@ def _listed(given: str) -> list[tuple[str, str]]:
 
 
 def _manifest(url: str, text: str) -> list[tuple[str, str]]:
-    reader = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    reader = csv.DictReader(io.StringIO(text, newline=None), skipinitialspace=True)
     reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
     unknown = [name for name in reader.fieldnames if name not in ("path", "vehicle")]
     if unknown:
@@ -191,20 +198,10 @@ def _named(path: str, pattern: str | None) -> str:
         ) from None
 
 
-class _Declared:
-    """Entries of the manifest.json files beside recordings; every file is read once."""
-
-    def __init__(self) -> None:
-        self._entries: dict[str, dict[str, dict[str, Any]]] = {}
-
-    def of(self, path: str) -> tuple[str, str] | None:
-        """Return the declared sha256 and source of a recording, None without an entry."""
-        folder = places.folder_of(path)
-        if folder not in self._entries:
-            self._entries[folder] = _entries(folder)
-        entry = self._entries[folder].get(places.name_of(path), {})
-        sha256, source = entry.get("sha256"), entry.get("source")
-        return (str(sha256), str(source)) if sha256 and source else None
+def _declared(entry: dict[str, Any]) -> tuple[str, str] | None:
+    """Return the sha256 and source that an entry of a manifest.json declares, None without."""
+    sha256, source = entry.get("sha256"), entry.get("source")
+    return (str(sha256), str(source)) if sha256 and source else None
 
 
 def _entries(folder: str) -> dict[str, dict[str, Any]]:

@@ -41,13 +41,14 @@ def find(url: str) -> list[str]:
 
     Raises UsageError if there is no recording or the place cannot be reached.
     """
+    local = is_local(url)
     try:
-        system, path = fsspec.core.url_to_fs(url)
+        system, path = (fsspec.filesystem("file"), url) if local else fsspec.core.url_to_fs(url)
         if is_pattern(url):
             found = [p for p in system.glob(path) if is_recording(p)]
         elif system.isdir(path):
             found = [p for p in system.find(path) if is_recording(p)]
-        elif is_local(url) and not system.exists(path):
+        elif local and not system.exists(path):
             raise UsageError(f"{url}: no such file or folder")
         else:
             return [url]  # a missing remote file gives an error when it is read
@@ -57,7 +58,6 @@ def find(url: str) -> list[str]:
         raise UsageError(f"{url}: {_reason(error)}") from error
     if not found:
         raise UsageError(f"{url}: no recording there; wanted {' '.join(SUFFIXES)}, also with .gz")
-    local = is_local(url)
     return sorted(_as_written(url, p) if local else system.unstrip_protocol(p) for p in found)
 
 

@@ -146,7 +146,7 @@ def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None
     """Write one table from all chunks; only a part of them is in memory at a time."""
     parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
     with replaced(path) as begun:
-        pl.scan_parquet(parts).sink_parquet(begun, metadata=GENERATOR)
+        pl.scan_parquet(parts, glob=False).sink_parquet(begun, metadata=GENERATOR)
 
 
 def _cost(folder: Path, chunks: Sequence[Chunk]) -> dict[str, Any]:
@@ -156,5 +156,5 @@ def _cost(folder: Path, chunks: Sequence[Chunk]) -> dict[str, Any]:
         key: sum(cost[key] for cost in costs)
         for key in ("drives", "errors", "faults", "driving_s", "size_bytes")
     }
-    total["seconds"] = {step: sum(cost["seconds"][step] for cost in costs) for step in steps}
+    total["seconds"] = {step: sum(c["seconds"].get(step, 0.0) for c in costs) for step in steps}
     return total

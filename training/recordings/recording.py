@@ -110,10 +110,7 @@ def load(
     of_model : tree of the profile in a model's card, for a logger's file that it fits
     Raises RecordingError or SignalMapError naming the file and what is wrong.
     """
-    path = Path(path)
-    if period_s is not None and not 1e-9 <= period_s < math.inf:
-        raise UsageError(f"a sample period of {period_s} s, above 0 is wanted")
-    period_ns = None if period_s is None else round(period_s * 1e9)
+    path, period_ns = Path(path), _in_ns(period_s)
     wanted = None if names is None else tuple(names)
     profile, notes = "", tuple[str, ...]()
     if is_measurement(path, columns):
@@ -135,21 +132,7 @@ def load(
                 f"{path}: no frame holds a good value of {', '.join(got[:3])}"
                 f"{', …' if len(got) > 3 else ''}; wrong --dbc or --map?"
             )
-    if len(block.t_ns) == 0:
-        raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
-    t_s = (block.t_ns - block.t_ns[0]) / 1e9
-    return Recording(
-        path=path,
-        sha256=sha256(path),
-        period_ns=period_ns,
-        t_s=t_s,
-        names=got,
-        values=block.values,
-        quality=block.quality,
-        profile=profile,
-        notes=notes,
-        begin_ns=int(block.t_ns[0]),
-    )
+    return _of_block(path, sha256(path), got, period_ns, block, profile, notes)
 
 
 def of_columns(columns: Any, name: str, period_s: float | None = None) -> Recording:
@@ -162,22 +145,35 @@ def of_columns(columns: Any, name: str, period_s: float | None = None) -> Record
     """
     table = table_of(columns, name)
     check_rows(table.path, table.t_ns)
-    names, period_ns, block = _from_table(
-        table, None, None if period_s is None else round(period_s * 1e9)
-    )
+    names, period_ns, block = _from_table(table, None, _in_ns(period_s))
     content = hashlib.sha256(json.dumps(table.names).encode())
     content.update(table.t_ns.tobytes())
     content.update(table.values.tobytes())
-    return Recording(
-        path=table.path,
-        sha256=content.hexdigest(),
-        period_ns=period_ns,
-        t_s=(block.t_ns - block.t_ns[0]) / 1e9,
-        names=names,
-        values=block.values,
-        quality=block.quality,
-        notes=table.notes.lines,
-    )
+    digest, notes = content.hexdigest(), table.notes.lines
+    return _of_block(table.path, digest, names, period_ns, block, "", notes)
+
+
+def _in_ns(period_s: float | None) -> int | None:
+    if period_s is not None and not 1e-9 <= period_s < math.inf:
+        raise UsageError(f"a sample period of {period_s} s, above 0 is wanted")
+    return None if period_s is None else round(period_s * 1e9)
+
+
+def _of_block(
+    path: Path,
+    digest: str,
+    names: tuple[str, ...],
+    period_ns: int,
+    block: SampleBlock,
+    profile: str,
+    notes: tuple[str, ...],
+) -> Recording:
+    """Return samples as a recording; raises RecordingError if there is none."""
+    if len(block.t_ns) == 0:
+        raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
+    begin_ns = int(block.t_ns[0])
+    t_s, values = (block.t_ns - begin_ns) / 1e9, (block.values, block.quality)
+    return Recording(path, digest, period_ns, t_s, names, *values, profile, notes, begin_ns)
 
 
 def check_each_once(recordings: Sequence[Recording]) -> None:

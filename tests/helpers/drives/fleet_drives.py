@@ -75,7 +75,8 @@ def judged(given: list[str], out: Path, **options: Any) -> tuple[pl.DataFrame, p
 
 def tables(out: Path) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Give recordings and windows of a run."""
-    return pl.read_parquet(out), pl.read_parquet(run.windows_path(out))
+    first, second = (pl.read_parquet(each, glob=False) for each in (out, run.windows_path(out)))
+    return first, second
 
 
 def assert_alike(a: tuple[pl.DataFrame, ...], b: tuple[pl.DataFrame, ...]) -> None:

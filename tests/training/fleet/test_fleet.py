@@ -186,6 +186,17 @@ def test_a_name_that_is_not_utf_8_is_a_row_with_the_byte_as_an_escape(tmp_path: 
     assert [Path(path).name for path in found["path"]] == ["a.csv", r"b\udcff.csv"]
 
 
+def test_names_that_look_like_patterns_urls_or_lines_are_names(tmp_path: Path) -> None:
+    (car := tmp_path / "car [1]").mkdir()
+    listed = write_piece(car / "a\u2028[1].csv", HEALTHY)
+    given = write_piece(car / "10::30.parquet", DELAYED)
+    call = ["fleet", manifest_of(car, "path", listed.name), str(given), "--model", MODEL]
+    assert main([*call, "--out", str(car / "out [1].parquet"), "--jobs", "1"]) == 0
+    rows, _ = fleet_drives.tables(car / "out [1].parquet")
+    assert rows["path"].to_list() == [str(listed), str(given)]
+    assert rows["error"].to_list() == [None, None]
+
+
 def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_path: Path) -> None:
     every = [d.path for d in drives_of([str(folder)])]
     assert every == sorted(map(str, folder.iterdir()))
@@ -217,7 +228,8 @@ def test_what_a_run_writes_among_its_recordings_is_none_of_them(
     assert mine.is_dir()
     fleet.work_folder(out).mkdir()
     shutil.copy(out, fleet.work_folder(out) / "chunk_000000.recordings.parquet")
-    # WHEN the same command is given again THEN it judges the same
+    # WHEN the same command is given again, by another way to --out, THEN it judges the same
+    call[5] = f"{tmp_path}/../{tmp_path.name}/results.parquet"
     assert main(call) == 0
     first, again = (line for line in capsys.readouterr().out.splitlines() if "with a code" in line)
     assert again == first
@@ -306,7 +318,9 @@ def test_a_killed_run_goes_on_where_it_was(
     assert {p: p.stat().st_mtime_ns for p in finished} == finished
 
 
+@pytest.mark.parametrize("side", [4, 1], ids=["among others", "alone in its chunk"])
 def test_a_file_that_kills_the_process_is_a_row_and_the_others_are_judged(
+    side: int,
     folder: Path,
     local: tuple[pl.DataFrame, pl.DataFrame],
     tmp_path: Path,
@@ -314,6 +328,7 @@ def test_a_file_that_kills_the_process_is_a_row_and_the_others_are_judged(
 ) -> None:
     # GIVEN ten recordings and between them one at which the process that judges it dies
     monkeypatch.setattr(fleet.parallel, "run", fleet_drives.run_deadly)
+    monkeypatch.setattr(fleet.fleet_drives, "LEAST_SIDE", side)
     paths = sorted(folder.iterdir())
     shutil.copy(paths[0], tmp_path / "deadly.parquet")
     given = [*paths[:5], tmp_path / "deadly.parquet", *paths[5:]]
@@ -339,6 +354,14 @@ def test_a_folder_of_another_run_is_refused(folder: Path, tmp_path: Path) -> Non
     known.write_text("{}")
     with pytest.raises(UsageError, match="with another model and another config and"):
         judged(one, tmp_path / "out.parquet")
+
+
+def test_a_killed_run_does_not_go_on_with_a_recording_that_has_grown(tmp_path: Path) -> None:
+    path = write_piece(tmp_path / "drive.csv", HEALTHY)
+    judged([str(path)], tmp_path / "out.parquet")
+    write_piece(path, HEALTHY, n=2000)
+    with pytest.raises(UsageError, match="holds a run with another manifest;"):
+        judged([str(path)], tmp_path / "out.parquet")
 
 
 def test_the_command_says_what_it_found(

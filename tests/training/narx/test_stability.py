@@ -40,6 +40,10 @@ def test_one_steady_state_at_every_operating_point_is_forgetting() -> None:
     assert found.gap < 0.01 * found.limit
 
 
+def test_the_longest_block_may_be_the_last() -> None:
+    assert replace(prepared(0.95), role=np.array([0, 1, 0, 0, 0])).longest_block == 3
+
+
 def test_a_slow_model_settles_after_as_long_as_it_takes_to_forget() -> None:
     # GIVEN linear models that forget a step by a tenth, a hundredth and nothing per sample
     data = prepared(0.95)

@@ -36,7 +36,7 @@ def distribution_figure(
     plots = []
     for column, title, of_windows, limit in contents:
         values = (
-            pl.scan_parquet(windows).select(column).collect()[column]
+            pl.read_parquet(windows, columns=[column], glob=False)[column]
             if of_windows
             else drives[column]
         )

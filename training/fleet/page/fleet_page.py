@@ -31,7 +31,7 @@ def write(
     wished : false-alarm rate whose quantile stands beside the limits, per window or drive
     reports : takes the paths of the drives with a code, returns the pages that it wrote of them
     """
-    recordings, windows = pl.read_parquet(out), windows_path(out)
+    recordings, windows = pl.read_parquet(out, glob=False), windows_path(out)
     limits = tools_of(kit).limits
     now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
     standing = outliers.standings(recordings)

@@ -75,7 +75,7 @@ def limits_beside(
     result = []
     for quantity in QUANTITIES:
         if quantity.of == "window":
-            part = pl.scan_parquet(windows).select("recording", quantity.column).collect()
+            part = pl.read_parquet(windows, columns=["recording", quantity.column], glob=False)
         else:
             part = sound.select("recording", quantity.column)
         part = part.join(sound.select("recording"), on="recording").drop_nulls()

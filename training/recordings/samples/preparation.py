@@ -85,7 +85,7 @@ class Prepared:
     def longest_block(self) -> int:
         """Samples of the longest stretch that is trained on or held out as a whole."""
         edges = np.flatnonzero(np.diff(self.role))
-        return int(np.diff(edges, prepend=-1).max(initial=0))
+        return int(np.diff(edges, prepend=-1, append=len(self.role) - 1).max())
 
     @property
     def names(self) -> tuple[str, ...]:
