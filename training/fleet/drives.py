@@ -152,14 +152,13 @@ def _size_of(path: str) -> int:
 
 def _listed(given: str) -> list[tuple[str, str]]:
     """Return pairs of path and vehicle; the vehicle is "" without a manifest."""
-    if places.name_of(given).lower().endswith(".csv") and not places.is_pattern(given):
-        if places.is_local(given):
-            places.find(given)  # raises UsageError if the file does not exist
+    found = places.find(given)
+    if found == [given] and places.name_of(given).lower().endswith(".csv"):
         text = places.read_text(given).lstrip("\ufeff")
         header = next(csv.reader(text.splitlines()[:1], skipinitialspace=True), [])
         if "path" in (name.strip() for name in header):
             return _manifest(given, text)
-    return [(path, "") for path in places.find(given)]
+    return [(path, "") for path in found]
 
 
 def _manifest(url: str, text: str) -> list[tuple[str, str]]:

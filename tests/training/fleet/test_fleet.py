@@ -201,6 +201,8 @@ def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_p
     every = [d.path for d in drives_of([str(folder)])]
     assert every == sorted(map(str, folder.iterdir()))
     assert [d.path for d in drives_of([f"{folder}/*.parquet"])] == every[::2]
+    shutil.copytree(folder, tmp_path / "day.csv")
+    assert len(drives_of([str(tmp_path / "day.csv")])) == len(every)
     (tmp_path / "m.csv").write_text(
         "vehicle, path\nb, x/1.log\na, memory://far/2.log\n, /abs/3.log\nb, x/4.log\n"
     )
