@@ -70,8 +70,8 @@ def run(args: DoctorOptions) -> int:
     for the ECU, and write one page. Each step is a command that is printed.
     """
     if args.log:
-        if getattr(args.bus, "interface", None):
-            raise UsageError("give either a LOG or a bus (-i, -c), not both")
+        if getattr(args.bus, "interface", None) or args.scan:
+            raise UsageError("give either a LOG or a bus (-i, -c, --scan), not both")
         from monitor.cli.log_doctor import diagnosed
 
         return diagnosed(args)

@@ -143,8 +143,8 @@ def _print(result: "Result", out: Path) -> None:
     for candidate in result.naming.trials.ranking[:5]:
         merit = candidate.merit
         print(
-            f"  {candidate.label}: score {merit.score:.0f} ({merit.needed:.0f} needed), "
-            f"t {merit.t:.1f}"
+            f"  {candidate.label}: score {merit.score:.0f} (on healthy drives up to "
+            f"{merit.needed:.0f}), t {merit.t:.1f}"
         )
     if result.naming.answer.experiment is not None:
         print(f"to tell them apart: {result.naming.answer.experiment}")

@@ -29,7 +29,7 @@ from training.narx.export import update_card
 from training.recordings.recording import Recording, training_recording
 
 NO_BETTER: Final = (
-    "what was named is not added: with constants from the other recordings the model predicts a "
+    "what was found is not added: with constants from the other recordings the model predicts a "
     "recording no better; it follows the effect already, this is another in every drive, or "
     "one drive alone holds what a constant needs, such as a cold start"
 )
@@ -65,7 +65,7 @@ def add(
     """
     if naming.verdict not in ("named", "unknown_effect") or not naming.answer.effects:
         return Addition()
-    progress("adding what was named")
+    progress("adding what was found")
     material, known = subject.material, knowledge.known
     found = constants_of(subject, naming, known, knowledge.start)
     if not found.ratio < 1.0:
@@ -75,7 +75,7 @@ def add(
     try:
         files.write(new, found.whole, each)
     except ModelError as error:
-        return Addition(warnings=(f"what was named is not added: {error}",))
+        return Addition(warnings=(f"what was found is not added: {error}",))
     left_out = list[Path]()
     for group, effects in enumerate(() if material.verify else found.left_out):
         others = [r for r, own in zip(each, groups(len(each)), strict=True) if own != group]

@@ -203,7 +203,7 @@ def test_a_leak_is_named_and_added_only_if_it_is_known_to_be_no_fault(
     monkeypatch.setattr(greybox, "add", _takes_none)
     without = found(add=("exhaust_leak",))
     assert (without.verdict, without.addition.path) == ("named", None)
-    assert "what was named is not added: has effects in an older form" in without.all_warnings
+    assert "what was found is not added: has effects in an older form" in without.all_warnings
 
 
 def _takes_none(*_: Any, **__: Any) -> NoReturn:
