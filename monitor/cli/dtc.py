@@ -200,7 +200,7 @@ def _readiness(args: DtcOptions) -> int:
             judged = counted(ratio.numerator, "driving cycle")
             yield (
                 f"{ratio.test:<18} {done:<13} judged in {judged}, "
-                f"{ratio.denominator} count as driven"
+                f"{ratio.denominator} were long and warm enough to count"
             )
         for r in store.results:
             inside = "" if r.low <= r.value <= r.high else "  outside"

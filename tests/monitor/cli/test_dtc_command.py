@@ -107,7 +107,7 @@ def test_readiness_shows_each_test_with_its_results_and_performance(
     lines = output(capsys, "readiness", "--memory", memory).splitlines()
     by_test = {line.split()[0]: line for line in lines[:6]}
     assert " complete " in by_test["response"]
-    assert "judged in 1 driving cycle, 1 count as driven" in by_test["response"]
+    assert "judged in 1 driving cycle, 1 were long and warm enough to count" in by_test["response"]
     assert " complete " in by_test["range"]
     assert " not complete " in by_test["activity"]
     (gain,) = [line for line in lines if "gain" in line]

@@ -73,7 +73,8 @@ def test_a_step_that_fails_ends_the_diagnosis_with_its_name(tmp_path: Path, capf
 
 def test_a_log_and_a_bus_are_not_examined_together(capfd: Output) -> None:
     assert main(["doctor", str(LATE), "-i", "virtual", "-c", "x"]) == 2
+    assert main(["doctor", str(LATE), "--scan"]) == 2
     assert main(["doctor", "--healthy", str(LATE)]) == 2
-    first, second = capfd.readouterr().err.splitlines()
-    assert "either a LOG or a bus" in first
-    assert "nothing to examine: give a LOG" in second
+    *of_both, of_none = capfd.readouterr().err.splitlines()
+    assert [line.count("either a LOG or a bus") for line in of_both] == [1, 1]
+    assert "nothing to examine: give a LOG" in of_none

@@ -171,7 +171,7 @@ def _limit(each: Figures) -> tuple[str, ...]:
     quantile = each["quantile"]
     return (
         f"{each['name']}: {each['title']}",
-        f"{each['values']:,} {each['of']}s",
+        counted(each["values"], each["of"]),
         short(each["now"]),
         _percent(each["now_rate"]),
         MISSING if quantile is None else f"{short(quantile)}{NBSP}({low}{TO}{high})",
