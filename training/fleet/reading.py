@@ -34,7 +34,7 @@ class Read:
 
 
 class FleetReader:
-    """Reads logs and tables like ``o2mon replay``, and parquet tables and measurement files."""
+    """Reads logs and tables like ``o2mon replay``, and measurement files."""
 
     def __init__(
         self, reader: RecordingReader, card: ModelCard, config: Config, columns: Path | None
@@ -49,7 +49,7 @@ class FleetReader:
         """
         counters: Mapping[str, int] = {}
         clearings: tuple[Clearing, ...] = ()
-        if path.suffix.lower() == ".parquet" or is_measurement(path, self._columns):
+        if is_measurement(path, self._columns):
             names, block, begin_ns = self._load(path)
         else:
             opened = self._reader.open(path)
@@ -75,9 +75,7 @@ class FleetReader:
         table = recording.load(path, period_s=period_s, columns=self._columns)
         names = needed_names(self._card, table.names)
         wanted = (*self._card.input_names, self._card.output.name)
-        empty = [
-            name for name in wanted if name in names and not np.isfinite(table.column(name)).any()
-        ]
+        empty = [name for name in wanted if not np.isfinite(table.column(name)).any()]
         if empty:
             raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
         order = [table.names.index(name) for name in names]

@@ -15,8 +15,10 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
+from asammdf import MDF, Signal
 
 from monitor.base import config
 from monitor.base.errors import UsageError
@@ -155,14 +157,22 @@ def test_a_bad_file_is_a_row_with_its_reason(tmp_path: Path, folder: Path) -> No
     (bad / "other.csv").write_text("time_s,speed\n" + "".join(f"{k / 10},1\n" for k in range(99)))
     blank = pl.read_parquet(good).with_columns(pl.lit(None, pl.Float64).alias("maf_kg_h"))
     blank.write_parquet(bad / "blank.parquet")
+    blank.drop("maf_kg_h").write_parquet(bad / "lacking.parquet")
+    blank[::10].write_parquet(bad / "slow.parquet")
+    with MDF() as measured:
+        measured.append(Signal(np.arange(99.0), np.arange(99) / 10, name="engine_speed_rpm"))
+        measured.save(bad / "lacking.mf4")
     (bad / "noise.parquet").write_bytes(b"PAR1 and nothing else")
     wanted = {
         "blank.parquet": "no number in column maf_kg_h",
         "damaged.blf": "damaged or cut short",
         "empty.log": "the log is empty",
         "gone.log": "No such file",
+        "lacking.mf4": "there are engine_speed_rpm",
+        "lacking.parquet": "the model needs maf_kg_h",
         "noise.parquet": "cannot read the table",
         "other.csv": "the model needs",
+        "slow.parquet": "samples every 1 s, the model needs them every 0.1 s",
         "words.csv": "a number is wanted",
     }
     # WHEN they are judged
@@ -273,7 +283,8 @@ def test_a_logger_s_file_in_any_encoding_is_a_recording_and_no_manifest(tmp_path
     path.write_text("Time(s), O2 Voltage (V)\n0.0, 0.3\n", encoding="utf-16")
     assert [drive.path for drive in drives_of([str(path)])] == [str(path)]
     (tmp_path / "drive.msl").write_text("Time\tRPM\n0\t900\n")
-    assert len(drives_of([str(tmp_path)])) == 2
+    (tmp_path / "drive.vbo").touch()
+    assert len(drives_of([str(tmp_path)])) == 3
 
 
 def test_a_place_without_recordings_is_named(tmp_path: Path) -> None:
