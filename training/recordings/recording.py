@@ -118,7 +118,6 @@ def load(
     elif is_table(path):
         further = [n for n in wanted or () if n not in BY_NAME]
         table = read_table(path, columns, further, of_model)
-        check_rows(path, table.t_ns)
         profile, notes = table.profile, table.notes.lines
         got, period_ns, block = _from_table(table, wanted, period_ns)
     else:
@@ -144,7 +143,6 @@ def of_columns(columns: Any, name: str, period_s: float | None = None) -> Record
     Raises RecordingError naming the recording and what is wrong.
     """
     table = table_of(columns, name)
-    check_rows(table.path, table.t_ns)
     names, period_ns, block = _from_table(table, None, _in_ns(period_s))
     content = hashlib.sha256(json.dumps(table.names).encode())
     content.update(table.t_ns.tobytes())
@@ -198,6 +196,7 @@ def check_rows(path: Path, t_ns: IntArray) -> None:
 def _from_table(
     table: Table, names: tuple[str, ...] | None, period_ns: int | None
 ) -> tuple[tuple[str, ...], int, SampleBlock]:
+    check_rows(table.path, table.t_ns)
     names = table.names if names is None else names
     return names, table_period_ns(table, period_ns), table_block(table, names, period_ns)
 

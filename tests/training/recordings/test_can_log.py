@@ -263,3 +263,13 @@ def test_a_table_whose_times_are_milliseconds_makes_no_log_of_weeks(tmp_path: Pa
     for start in ("nan", "1e30", "-1"):
         with pytest.raises(UsageError, match="--start"):
             run("log", table, "--out", log, f"--start={start}")
+
+
+def test_a_measurement_file_whose_values_lie_too_far_apart_is_refused_as_a_table_is(
+    tmp_path: Path,
+) -> None:
+    with MDF(version="4.10") as mdf:
+        mdf.append(Signal(np.arange(5.0), 100.0 * np.arange(5), name="maf_kg_h", unit="kg/h"))
+        mdf.save(tmp_path / "m.mf4")
+    with pytest.raises(RecordingError, match=r"m\.mf4: rows are 100 s apart, at most 60 s"):
+        load(tmp_path / "m.mf4")
