@@ -1,4 +1,4 @@
-"""The real-time loop: one thread receives, judges, records and reports.
+"""The real-time loop: one thread receives, judges and reports, another writes the log.
 
 On a silent bus the loop makes time marks, which are frames that only move time on; see ``clock``.
 Everything beside the judging is an ``Attachment``.
@@ -22,7 +22,7 @@ from monitor.bus.ending import ended_by_signals
 from monitor.bus.judging import Judging
 from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import ANSWER_S, BusHealth, Port
-from monitor.bus.link.recorder import Recorder
+from monitor.bus.link.recorder import LiveRecorder
 from monitor.bus.link.suspension import Suspension, passed_s, slept_s
 from monitor.frames.blocks import EXTENDED, block_of, chosen, frames_of, inserted
 from monitor.frames.loop_frames import bus_state, codes_cleared, log_gap, time_mark
@@ -77,7 +77,7 @@ class Loop:
             sleep=sleep,
         )
         self._record_path = record
-        self._recorder: Recorder | None = None
+        self._recorder: LiveRecorder | None = None
         self.clock = Clock(monotonic_s, min(self.pipeline.decoder.timeouts_ns))
         self._suspension = Suspension(slept_s)
         self._due_s = math.inf
@@ -103,7 +103,7 @@ class Loop:
                 groups = (*decoder.groups, *self.pipeline.answers.groups)
                 self._port.set_filters({*decoder.identifiers, *own}, groups)
             else:
-                self._recorder = Recorder(self._record_path)
+                self._recorder = LiveRecorder(self._record_path)
             self._work()
             now_s = self._now_s()
             while not self._stop and now_s < until_s:
@@ -243,7 +243,7 @@ class Loop:
         self._keys = np.array(list(self._wanted), dtype=np.uint32)
         self._due_s = -math.inf
 
-    def _record(self, recorder: Recorder, block: FrameBlock) -> None:
+    def _record(self, recorder: LiveRecorder, block: FrameBlock) -> None:
         try:
             recorder.write(block)
         except RecordingError as error:

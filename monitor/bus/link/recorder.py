@@ -2,6 +2,9 @@
 
 from contextlib import AbstractContextManager
 from pathlib import Path
+from queue import Queue
+from threading import Thread
+from typing import Final
 
 import can
 
@@ -10,6 +13,8 @@ from monitor.base.types import Frame, FrameBlock
 from monitor.frames.blocks import MAX_BYTES, frames_of
 from monitor.frames.logs import log_kind
 from monitor.frames.text.candump_lines import lines_of
+
+WAITING: Final = 256  # most blocks that wait for the disk: 25 s of a full bus
 
 
 class Recorder(AbstractContextManager["Recorder"]):
@@ -57,6 +62,41 @@ class Recorder(AbstractContextManager["Recorder"]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class LiveRecorder:
+    """A recorder on a thread of its own, so that a disk that stalls delays no verdict.
+
+    Raises as ``Recorder``; what cannot be written is told with the next block, or at the end.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._recorder, self._failure = Recorder(path), list[Exception]()
+        self._blocks: Queue[FrameBlock | None] = Queue(WAITING)
+        self._thread = Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def write(self, block: FrameBlock) -> None:
+        """Let frames be written, none of which changes any more; waits where too many do."""
+        for failure in self._failure:
+            raise failure
+        self._blocks.put(block)
+
+    def close(self) -> None:
+        """Write the remaining frames and close."""
+        self._blocks.put(None)
+        self._thread.join()
+        self._recorder.close()
+        for failure in self._failure:
+            raise failure
+
+    def _work(self) -> None:
+        while (block := self._blocks.get()) is not None:
+            try:
+                if not self._failure:
+                    self._recorder.write(block)
+            except Exception as error:
+                self._failure.append(error)
 
 
 def message_of(frame: Frame) -> can.Message:

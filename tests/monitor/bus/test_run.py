@@ -1,5 +1,6 @@
 """The live loop, on a bus that is played from memory; the real bus is in tests/vcan."""
 
+import threading
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -11,7 +12,7 @@ from cantools.database import load_file
 
 import dbc
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame
+from monitor.base.types import Frame, FrameBlock
 from monitor.bus.link.recorder import Recorder
 from monitor.bus.loop import Loop
 from monitor.frames.blocks import block_of
@@ -19,6 +20,7 @@ from monitor.frames.logs import read_frames
 from monitor.frames.loop_frames import TIME_MARK_ID, time_mark
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
+from monitor.pipeline.events import Event
 from tests.helpers.bus.played_bus import Ear, Pause, PlayedBus, judged, played_on, run_on
 
 
@@ -169,6 +171,31 @@ def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
         loop, _ = played_on(late_sensor[:4000], setup, record=record, say=said.append)
     assert loop.result("played")["samples"] > 190
     assert len([line for line in said if "No space left" in line]) == 1
+
+
+def test_a_disk_that_stalls_delays_no_verdict_and_loses_no_frame(
+    setup: replay.Setup,
+    late_sensor: list[Frame],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Released(Ear):
+        def push(self, event: Event) -> None:
+            judged_before.set()
+
+    judged_before, in_time, write = threading.Event(), list[bool](), Recorder.write
+
+    def stalling(self: Recorder, block: FrameBlock) -> None:
+        in_time.append(judged_before.wait(20.0))
+        write(self, block)
+
+    monkeypatch.setattr(Recorder, "write", stalling)
+    script, record = late_sensor[:2000], tmp_path / "all.log"
+    played_on(script, setup, record=record, attachments=[Released()])
+    assert all(in_time)
+    assert [f.data for f in read_frames(record) if f.can_id < TIME_MARK_ID] == [
+        f.data for f in script
+    ]
 
 
 def test_a_drive_goes_on_after_the_interface_was_away(
