@@ -118,12 +118,14 @@ def _dtc_fields(dtc: "Dtc") -> dict[str, Any]:
 
 def _list_lines(store: "DtcStore") -> Iterator[str]:
     from monitor.memory.dtc import Status
+    from monitor.report.lines import advice_lines
 
     yield f"lamp {'ON' if store.mil else 'off'}, {counted(len(store.active), 'code')}"
     for dtc in store.active:
         lamp = "lamp" if dtc.status & Status.WARNING_INDICATOR else ""
         fault = " or ".join((dtc.fault, *dtc.also))
         yield f"  {dtc.code}  {dtc.state:<9}  {lamp:<4}  0x{dtc.status:02X}  {fault}"
+    yield from advice_lines(map(_dtc_fields, store.active))
     if store.permanent:
         yield f"permanent: {', '.join(store.permanent)}"
     counts = store.counts

@@ -91,10 +91,7 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
     verdict, *others = verdict_lines(recording)
     yield f"{recording['path']}{simulated}: {verdict}"
     yield from (f"  and {other}" for other in others)
-    for codes, each in advice(recording["dtcs"]):
-        yield f"  {codes}: {each.effect}"
-        yield f"    likely: {'; '.join(each.causes)}"
-        yield f"    next: {each.check}"
+    yield from advice_lines(recording["dtcs"])
     yield (
         f"  {recording['enabled_samples']} of {recording['samples']} samples enabled; windows: "
         f"{judged}; paper's rule failed {counts['paper']}"
@@ -114,6 +111,14 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
         yield f"  note: {note}"
     if bad := counted_out(recording):
         yield "  left out, late or missing: " + ", ".join(f"{n} {words}" for words, n in bad)
+
+
+def advice_lines(dtcs: Iterable[Mapping[str, Any]]) -> Iterable[str]:
+    """Yield what codes mean for the car, their likely causes and what to check next."""
+    for codes, each in advice(dtcs):
+        yield f"  {codes}: {each.effect}"
+        yield f"    likely: {'; '.join(each.causes)}"
+        yield f"    next: {each.check}"
 
 
 def case(recording: Mapping[str, Any]) -> JunitCase:
