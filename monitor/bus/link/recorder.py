@@ -14,7 +14,7 @@ from monitor.frames.blocks import MAX_BYTES, frames_of
 from monitor.frames.logs import log_kind
 from monitor.frames.text.candump_lines import lines_of
 
-WAITING: Final = 256  # most blocks that wait for the disk: 25 s of a full bus
+WAITING: Final = 256  # most blocks that wait for the disk: 5 s and more, of a busy bus 25 s
 
 
 class Recorder(AbstractContextManager["Recorder"]):
