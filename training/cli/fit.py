@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from monitor.base.counts import plain
-from training.cli.kinds import catalyst, greybox
+from training.cli.kinds import greybox
 from training.cli.kinds.fit_command import FitCommand
 from training.cli.options import inputs_of, load_all
 
@@ -24,7 +24,6 @@ EXAMPLES = """examples:
   o2train fit drive*.log --kind greybox --out chain.onnx
   o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
       manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
-  o2train fit drive*.log --kind greybox --output downstream_voltage_v --out catalyst.json
 """
 
 
@@ -36,8 +35,7 @@ def run(args: FitCommand) -> int:
     without some recordings measure it. --lags or --hidden fix the shape, without a linear path.
     --kind greybox fits the constants of the physical chain, which reads its charge as air per
     stroke; with manifold pressure and temperature among --inputs it computes the charge from them
-    and a map. With --output downstream_voltage_v it fits capacity, filling and release of the
-    catalyst and the sensor behind it, and writes them with standard errors as JSON.
+    and a map.
 
     Raises UsageError or RecordingError (exit code 2).
     """
@@ -47,8 +45,6 @@ def run(args: FitCommand) -> int:
     from training.narx.page.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
 
-    if args.kind == "greybox" and args.output == catalyst.OUTPUT:
-        return catalyst.run(args)
     report = _check_fit(args)
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)

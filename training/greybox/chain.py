@@ -40,8 +40,7 @@ class ConstantRange(NamedTuple):
     unit: str
     low: float
     high: float
-    meaning: str = ""
-    is_log: bool = False  # fitted as its logarithm
+    meaning: str
 
 
 RANGES: Mapping[str, ConstantRange] = {

@@ -56,9 +56,10 @@ def test_fit_writes_limits_and_a_report(model: Path) -> None:
     [
         (["--lags", "3"], "--lags: a grey-box model"),
         (["--hidden", "4", "--lag-zero"], "--lag-zero, --hidden"),
+        (["--output", "downstream_voltage_v"], "a grey-box model predicts lambda_measured alone"),
     ],
 )
-def test_options_of_a_network_are_refused(
+def test_options_of_another_model_are_refused(
     training: list[Path],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -7,7 +7,7 @@ autoregression, fitted in turn with the constants (Söderström and Stoica, Syst
 1989, sections 7.4 and 10.3).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,9 +68,14 @@ class Fitted:
 
     @property
     def rows(self) -> dict[str, dict[str, Any]]:
-        """Each constant for a card, see ``with_errors``."""
-        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        return with_errors(self.constants, errors.tolist(), RANGES)
+        """Each constant for a card: value, standard error and unit."""
+        errors = np.sqrt(np.maximum(np.diag(self.covariance), 0.0)).tolist()
+        return {
+            name: {"value": value, "standard_error": error, "unit": range_.unit}
+            for (name, range_), value, error in zip(
+                RANGES.items(), self.constants, errors, strict=True
+            )
+        }
 
 
 def fit_constants(
@@ -188,13 +193,3 @@ def reference(fitted: Fitted) -> dict[str, Any]:
         value = float(np.dot(w, fitted.constants))
         derived[name] = {"value": value, "standard_error": error, "unit": "s"}
     return {"constants": fitted.rows, "derived": derived, "standard_errors": STANDARD_ERRORS}
-
-
-def with_errors(
-    values: Sequence[float], errors: Sequence[float], ranges: Mapping[str, Any]
-) -> dict[str, dict[str, Any]]:
-    """Return each constant of ``ranges`` for a file: value, standard error and unit."""
-    return {
-        name: {"value": value, "standard_error": error, "unit": range_.unit}
-        for (name, range_), value, error in zip(ranges.items(), values, errors, strict=True)
-    }
