@@ -198,7 +198,7 @@ class _Problem:
             normal += jacobian.T @ weighted
             gradient = weighted * white[:, None]
             slope += gradient.sum(axis=0)
-            starts = np.arange(0, len(white), round(BLOCK_S / case.drive.period_s))
+            starts = np.arange(0, len(white), round(BLOCK_S / case.drive.period_s) or 1)
             sums = np.add.reduceat(gradient, starts, axis=0)
             squares += sums.T @ sums
         return normal, slope, squares

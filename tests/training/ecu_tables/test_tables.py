@@ -235,7 +235,7 @@ def test_a_log_with_hardly_a_usable_sample_is_refused_with_the_reasons(drive: Pa
 
 def test_a_log_on_a_slow_grid_knows_no_delay_and_says_so(drive: Path) -> None:
     log = load(drive)
-    slow = replace(log, values=log.values[::40], quality=log.quality[::40], period_ns=2 * 10**9)
+    slow = replace(log, values=log.values[::40], quality=log.quality[::40], period_ns=40 * 10**9)
     subject, shares = subject_of([slow]), list[float]()
     fitted = fit(subject, lambda share, _: shares.append(share))
     assert shares == sorted(shares) and shares[-1] == 1.0  # whose progress never goes back

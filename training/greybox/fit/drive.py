@@ -194,9 +194,9 @@ def in_fuel_cut(signals: Mapping[str, FloatArray]) -> BoolArray | None:
 def block_numbers(rows: Sequence[IntArray], samples: int) -> IntArray:
     """Return the block of each row (m,), 0, 1, .. through all recordings.
 
-    rows : those of each recording, rising; samples : length of a block
+    rows : those of each recording, rising; samples : length of a block, of a slow grid one
     """
-    places = [np.stack([np.full(len(own), k), own // samples]) for k, own in enumerate(rows)]
+    places = [np.stack([own * 0 + k, own // (samples or 1)]) for k, own in enumerate(rows)]
     both = np.concatenate(places, axis=1)
     return np.asarray(np.cumsum(np.any(np.diff(both, prepend=both[:, :1]), axis=0)))
 
