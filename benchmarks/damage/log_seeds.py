@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.repository import REPLAY_LOGS
 from monitor.base.types import FloatArray, Frame
+from monitor.frames.blocks import block_of
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
 from tests.helpers.logs.logger_files import TUNER_UNITS, Field, write_mlg, write_text_table
-from training.recordings.files.frame_block import EncodedFrames
 from training.recordings.files.mf4_log import write_mf4
 from training.recordings.files.table_files import write_table
 from training.recordings.recording import Recording, load
@@ -36,7 +36,7 @@ def write_seeds(folder: Path) -> None:
     frames = stretch(BEGIN_S, LENGTH_S)
     for kind in LOGS:
         if kind == ".mf4":
-            write_mf4(folder / "seed.mf4", side_by_side(frames))
+            write_mf4(folder / "seed.mf4", block_of(frames))
         else:
             write_log(folder / f"seed{kind}", frames)
     drive = load(folder / "seed.log", period_s=0.1)
@@ -58,17 +58,6 @@ def stretch(begin_s: float, length_s: float) -> list[Frame]:
     end_ns = begin_ns + round(length_s * 1e9)
     frames = takewhile(lambda frame: frame.t_ns < end_ns, read_frames(DRIVE))
     return [frame for frame in frames if frame.t_ns >= begin_ns]
-
-
-def side_by_side(frames: list[Frame]) -> EncodedFrames:
-    """Return frames of 8 bytes as one block."""
-    return EncodedFrames(
-        np.array([f.t_ns for f in frames]),
-        np.array([f.can_id for f in frames]),
-        np.array([f.is_extended for f in frames]),
-        np.array([len(f.data) for f in frames]),
-        np.array([list(f.data.ljust(8, b"\0")) for f in frames], dtype=np.uint8),
-    )
 
 
 def _as_logged(drive: Recording) -> tuple[list[Field], dict[str, FloatArray]]:

@@ -25,14 +25,14 @@ from monitor.base import faults
 from monitor.base.config import load as load_config
 from monitor.base.errors import O2Error
 from monitor.base.signals import plausible_range
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray, FrameBlock, IntArray
+from monitor.frames.blocks import chosen
 from monitor.judge.causes.causes import Cause
 from monitor.pipeline import replay
 from training.dyno import ecu
 from training.dyno.downstream import fault_behind
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.files.can_log import write_log
-from training.recordings.files.frame_block import EncodedFrames
 
 CYCLES: Final = ("wltc_3b", "udds", "us06", "micro_trips")
 FAULTS: Final = {
@@ -127,15 +127,13 @@ BEHIND_TABLES: Final[dict[str, Callable[[Logged], Logged]]] = {
 }
 
 
-def some(f: EncodedFrames, chosen: IntArray, t_ns: IntArray | None = None) -> EncodedFrames:
+def some(f: FrameBlock, kept: IntArray, t_ns: IntArray | None = None) -> FrameBlock:
     t_ns = f.t_ns if t_ns is None else t_ns
-    order = chosen[np.argsort(t_ns[chosen], kind="stable")]
-    return EncodedFrames(
-        t_ns[order], f.can_id[order], f.is_extended[order], f.length[order], f.data[order]
-    )
+    order = kept[np.argsort(t_ns[kept], kind="stable")]
+    return chosen(f._replace(t_ns=t_ns), order)
 
 
-def paused(f: EncodedFrames, pauses: Sequence[tuple[float, float]]) -> EncodedFrames:
+def paused(f: FrameBlock, pauses: Sequence[tuple[float, float]]) -> FrameBlock:
     t_s, kept = (f.t_ns - f.t_ns[0]) / 1e9, np.ones(len(f.t_ns), dtype=bool)
     for begin_s, length_s in pauses:
         kept &= (t_s < begin_s) | (t_s >= begin_s + length_s)
@@ -146,41 +144,41 @@ def each_minute(length_s: float) -> list[tuple[float, float]]:
     return [(40.0 + 60.0 * i, length_s) for i in range(9)]
 
 
-def changed_only(f: EncodedFrames) -> EncodedFrames:
+def changed_only(f: FrameBlock) -> FrameBlock:
     kept = []
-    for can_id in np.unique(f.can_id):
-        own = np.flatnonzero(f.can_id == can_id)
+    for key in np.unique(f.key):
+        own = np.flatnonzero(f.key == key)
         moved = (np.diff(f.data[own].astype(int), axis=0) != 0).any(axis=1)
         kept.append(own[np.concatenate([[True], moved])])
     return some(f, np.sort(np.concatenate(kept)))
 
 
-def batched(f: EncodedFrames, ends_s: FloatArray) -> EncodedFrames:
+def batched(f: FrameBlock, ends_s: FloatArray) -> FrameBlock:
     """Return the frames with the time at which the batch that holds each is delivered."""
     ends_ns = (ends_s * 1e9).astype(np.int64) + f.t_ns[0]
     t_ns = ends_ns[np.searchsorted(ends_ns, f.t_ns).clip(max=len(ends_ns) - 1)]
-    return replace(f, t_ns=t_ns + np.arange(len(t_ns)) % 50 * 1000)
+    return f._replace(t_ns=t_ns + np.arange(len(t_ns)) % 50 * 1000)
 
 
 def random_ends() -> FloatArray:
     return np.cumsum(np.random.default_rng(53).uniform(0.01, 0.3, 6000))
 
 
-def chance(f: EncodedFrames, share: float) -> IntArray:
+def chance(f: FrameBlock, share: float) -> IntArray:
     return np.flatnonzero(np.random.default_rng(54).random(len(f.t_ns)) < share)
 
 
-def jittered(f: EncodedFrames, std_s: float) -> EncodedFrames:
+def jittered(f: FrameBlock, std_s: float) -> FrameBlock:
     moved = np.random.default_rng(55).normal(0.0, std_s * 1e9, len(f.t_ns)).astype(np.int64)
     return some(f, np.arange(len(f.t_ns)), f.t_ns + moved)
 
 
-def stepped(f: EncodedFrames, step_s: float) -> EncodedFrames:
+def stepped(f: FrameBlock, step_s: float) -> FrameBlock:
     half = len(f.t_ns) // 2
-    return replace(f, t_ns=f.t_ns + (np.arange(len(f.t_ns)) > half) * round(step_s * 1e9))
+    return f._replace(t_ns=f.t_ns + (np.arange(len(f.t_ns)) > half) * round(step_s * 1e9))
 
 
-FRAMES: Final[dict[str, Callable[[EncodedFrames], EncodedFrames]]] = {
+FRAMES: Final[dict[str, Callable[[FrameBlock], FrameBlock]]] = {
     "as it is": lambda f: f,
     "a pause of 3 s": lambda f: paused(f, [(300.0, 3.0)]),
     "a pause of 10 s": lambda f: paused(f, [(300.0, 10.0)]),

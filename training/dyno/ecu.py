@@ -13,12 +13,11 @@ import numpy as np
 import dbc
 from monitor.base.faults import Fault
 from monitor.base.signals import plausible_range
-from monitor.base.types import FloatArray, IntArray, SampleBlock
+from monitor.base.types import FloatArray, FrameBlock, IntArray, SampleBlock
 from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.grid.block_assembler import assemble_arrays
 from training.dyno.cycles import STEP_S
 from training.recordings.files.can_log import Outgoing, block_of, merge, outgoing
-from training.recordings.files.frame_block import EncodedFrames
 
 STEP_NS: Final = round(STEP_S * 1e9)
 JITTER_NS: Final = 400_000  # standard deviation of a frame's send time
@@ -67,7 +66,7 @@ def broadcast(
     return messages
 
 
-def frames(messages: list[Broadcast]) -> EncodedFrames:
+def frames(messages: list[Broadcast]) -> FrameBlock:
     """Return the frames of the drive in time order."""
     return merge(
         [

@@ -15,7 +15,7 @@ from monitor.frames.blocks import EXTENDED
 _CLASSIC = 8  # bytes of data; longer frames are of CAN FD
 
 
-def lines_of(block: FrameBlock, channel: str = "") -> bytes:
+def lines_of(block: FrameBlock, channel: str = "", end: str = " R") -> bytes:
     """Return the frames' lines on a channel, their times in whole microseconds."""
     digits = block.data.tobytes().hex(" ", block.data.shape[1]).upper().split()
     seconds, rest_us = np.divmod(abs(block.t_ns // 1000), 1_000_000)
@@ -23,7 +23,7 @@ def lines_of(block: FrameBlock, channel: str = "") -> bytes:
     *times, n_digits = (column.tolist() for column in columns)
     names = map(_name, block.key.tolist(), (block.length > _CLASSIC).tolist(), repeat(channel))
     values = chain.from_iterable(zip(*times, names, n_digits, digits, strict=True))
-    return ("(%s%d.%06d%s%.*s R\n" * len(digits) % tuple(values)).encode()
+    return (f"(%s%d.%06d%s%.*s{end}\n" * len(digits) % tuple(values)).encode()
 
 
 @lru_cache(maxsize=1 << 12)

@@ -5,6 +5,7 @@ import numpy as np
 import dbc
 from monitor.base.types import FloatArray, Frame
 from monitor.decode.bus_map import BusMap, load_pairs
+from monitor.frames.blocks import frames_of
 from training.recordings.files.can_log import broadcast
 
 
@@ -28,4 +29,4 @@ def ecu(bus_map: BusMap = OWN, **changes: FloatArray | float) -> list[Frame]:
     usual = {"manifold_pressure_kpa": 50.0, "ambient_pressure_kpa": 98.0, "battery_voltage_v": 13.5}
     values = dict.fromkeys(bus_map.channels, 1.0) | usual | changes
     columns = {name: np.broadcast_to(value, len(t_ns)) for name, value in values.items()}
-    return list(broadcast(bus_map, t_ns, columns).frames())
+    return list(frames_of(broadcast(bus_map, t_ns, columns)))

@@ -15,7 +15,6 @@ from monitor.frames.bounds import open_text
 from monitor.frames.logs import frame_of, guarded, read_blocks
 from monitor.frames.text.candump import frame_of_line
 from monitor.frames.text.lines import CUT_SHORT
-from training.recordings.files.frame_block import EncodedFrames
 
 Outcome = tuple[list[Frame], LogCounters, str | None]
 
@@ -111,12 +110,11 @@ def read_at_once(path: Path) -> Outcome:
 START_NS = 1_700_000_000_123_456_000
 
 
-def synthetic(n: int) -> EncodedFrames:
+def synthetic(n: int) -> FrameBlock:
     rng = np.random.default_rng(n)
-    return EncodedFrames(
+    return FrameBlock(
         START_NS + np.arange(n) * 250_000,
-        rng.integers(0, 0x7FF, n),
-        np.zeros(n, dtype=np.bool_),
-        np.full(n, 8),
+        rng.integers(0, 0x7FF, n, dtype=np.uint32),
+        np.full(n, 8, dtype=np.uint8),
         rng.integers(0, 256, (n, 8)).astype(np.uint8),
     )

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import Frame
+from monitor.base.types import Frame, FrameBlock
 from monitor.frames import mdf
 from monitor.frames.blocks import LogCounters, block_of, frames_of, joined
 from monitor.frames.logs import frame_of, read_blocks, read_frames
@@ -24,19 +24,18 @@ from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.read_outcome import START_NS, read_at_once, synthetic
 from training.recordings.files.can_log import broadcast, write_log
-from training.recordings.files.frame_block import EncodedFrames
 
 SUFFIXES = [".log", ".log.gz", ".asc", ".asc.gz", ".blf", ".csv", ".csv.gz", ".trc", ".mf4"]
 
 
 @pytest.fixture(scope="module")
-def drive() -> EncodedFrames:
+def drive() -> FrameBlock:
     t_ns = START_NS + np.arange(50) * 100_000_000
     return broadcast(OWN, t_ns, {"lambda_measured": np.linspace(0.8, 1.2, 50)})
 
 
 @pytest.fixture(scope="module")
-def folder(drive: EncodedFrames, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(drive: FrameBlock, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("logs")
     for suffix in SUFFIXES:
         write_log(folder / f"drive{suffix}", drive)
@@ -49,11 +48,11 @@ def zeroed(frames: list[Frame]) -> list[Frame]:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_log_format_gives_the_frames_it_was_given(
-    folder: Path, drive: EncodedFrames, suffix: str
+    folder: Path, drive: FrameBlock, suffix: str
 ) -> None:
     counters = LogCounters()
     frames = list(read_frames(folder / f"drive{suffix}", counters))
-    assert zeroed(frames) == zeroed(list(drive.frames()))
+    assert zeroed(frames) == zeroed(list(frames_of(drive)))
     assert (counters.frames, counters.skipped) == (len(drive.t_ns), 0)
 
 

@@ -13,6 +13,7 @@ from monitor.base.errors import O2Error, RecordingError, SignalMapError, UsageEr
 from monitor.base.signals import OWN
 from monitor.base.types import Quality
 from monitor.decode.bus_map import load_pairs
+from monitor.frames.blocks import frames_of
 from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
 from tests.helpers.examples import inputs
@@ -71,19 +72,19 @@ def test_both_byte_orders_and_signs_are_encoded(tmp_path: Path, order: int, sign
     assert payloads.shape == (5, 5)
     frames = block_of(each.message, np.arange(5), payloads)
     top = 1023.0 if sign == "-" else 2047.0
-    assert values_of(bus_map, "x", list(frames.frames())) == [*values[:4], top]
+    assert values_of(bus_map, "x", list(frames_of(frames))) == [*values[:4], top]
 
 
 def test_what_the_table_lacks_or_leaves_blank_is_sent_as_not_available() -> None:
     values = {"lambda_measured": np.full(50, math.nan)}
-    found = Decoding(ECU, ECU.names).push(list(broadcast(ECU, T_NS, values).frames()))
+    found = Decoding(ECU, ECU.names).push(list(frames_of(broadcast(ECU, T_NS, values))))
     assert all(each and all(map(math.isnan, each.values())) for each in found)
 
 
 def test_messages_keep_their_cycle_and_counters_run_on() -> None:
     frames = broadcast(ECU, T_NS, a_drive(), start_ns=1_000_000_000)
     for each in outgoing(ECU):
-        mine = frames.t_ns[frames.can_id == each.message.frame_id]
+        mine = frames.t_ns[frames.key == each.message.frame_id]
         assert mine[0] == 1_000_000_000
         assert set(np.diff(mine).tolist()) == {each.cycle_ns}
     assert np.all(np.diff(frames.t_ns) >= 0)
@@ -100,7 +101,7 @@ def test_the_groups_of_a_multiplexed_message_are_sent_in_turn_and_read_back() ->
     values = {"coolant_temperature_degc": 85.0, "engine_speed_rpm": 2000.0, "maf_kg_h": 72.0}
     table = {name: np.full(50, value) for name, value in values.items()}
     # WHEN a table is sent
-    frames = list(broadcast(obd, T_NS, table).frames())
+    frames = list(frames_of(broadcast(obd, T_NS, table)))
     # THEN every frame carries one group, and each value comes back
     seen = dict.fromkeys(values, 0)
     for found in Decoding(obd, tuple(values)).push(frames):

@@ -15,16 +15,15 @@ from cantools.database.can import Message
 
 from monitor.base.errors import RecordingError, SignalMapError
 from monitor.base.files.outputs import replaced
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray, FrameBlock, IntArray
 from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.signal_map import Integrity
+from monitor.frames.blocks import EXTENDED, chosen, frames_of, joined
 from monitor.frames.logs import log_kind
+from monitor.frames.text.candump_lines import lines_of
 from training.recordings.files.can_encoding import Payloads, encode_message
-from training.recordings.files.frame_block import EncodedFrames
 from training.recordings.files.mf4_log import write_mf4
 from training.recordings.files.table_files import open_for_writing
-
-__all__ = ["EncodedFrames", "Outgoing", "block_of", "broadcast", "merge", "outgoing", "write_log"]
 
 DEFAULT_CYCLE_NS: Final = 20_000_000
 
@@ -123,38 +122,31 @@ def _switches(channel: BusChannel) -> tuple[tuple[str, int], ...]:
     return tuple(found)
 
 
-def block_of(message: Message, times_ns: IntArray, payloads: Payloads) -> EncodedFrames:
+def block_of(message: Message, times_ns: IntArray, payloads: Payloads) -> FrameBlock:
     """Return the frames of one message sent at ``times_ns``, (n,)."""
     n, length = payloads.shape
     data = np.zeros((n, 8), dtype=np.uint8)
     data[:, :length] = payloads
-    return EncodedFrames(
+    key = message.frame_id | message.is_extended_frame * EXTENDED
+    return FrameBlock(
         times_ns.astype(np.int64),
-        np.full(n, message.frame_id, dtype=np.int64),
-        np.full(n, message.is_extended_frame),
-        np.full(n, length, dtype=np.int64),
+        np.full(n, key, dtype=np.uint32),
+        np.full(n, length, dtype=np.uint8),
         data,
     )
 
 
-def merge(blocks: Sequence[EncodedFrames]) -> EncodedFrames:
+def merge(blocks: Sequence[FrameBlock]) -> FrameBlock:
     """Return all frames in the order of time; at the same time the earlier block comes first."""
     if not blocks:
         raise RecordingError("there are no frames to write")
-    t_ns = np.concatenate([block.t_ns for block in blocks])
-    order = np.argsort(t_ns, kind="stable")
-    return EncodedFrames(
-        t_ns[order],
-        np.concatenate([block.can_id for block in blocks])[order],
-        np.concatenate([block.is_extended for block in blocks])[order],
-        np.concatenate([block.length for block in blocks])[order],
-        np.concatenate([block.data for block in blocks])[order],
-    )
+    frames = joined(blocks)
+    return chosen(frames, np.argsort(frames.t_ns, kind="stable"))
 
 
 def broadcast(
     bus_map: BusMap, t_ns: IntArray, values: Mapping[str, FloatArray], start_ns: int | None = None
-) -> EncodedFrames:
+) -> FrameBlock:
     """Return the frames that an ECU would send during the table.
 
     t_ns : (n,) strictly rising times of the rows
@@ -184,7 +176,7 @@ def broadcast(
     return merge(blocks)
 
 
-def write_log(path: str | Path, frames: EncodedFrames, channel: str = "can0") -> None:
+def write_log(path: str | Path, frames: FrameBlock) -> None:
     """Write the frames to ``path`` in the format of its suffix; times are rounded to microseconds.
 
     Raises RecordingError if the format is unknown or cannot hold the frames, UsageError if the file
@@ -192,49 +184,30 @@ def write_log(path: str | Path, frames: EncodedFrames, channel: str = "can0") ->
     """
     path = Path(path)
     kind = log_kind(path)
+    frames = frames._replace(t_ns=(frames.t_ns + 500) // 1000 * 1000)
     try:
         with replaced(path) as begun:
-            _write(begun, kind, frames, channel)
+            _write(begun, kind, frames)
     except (ValueError, NotImplementedError) as error:
         raise RecordingError(f"{path}: cannot write the log: {error}") from error
 
 
-def _write(path: Path, kind: str, frames: EncodedFrames, channel: str) -> None:
+def _write(path: Path, kind: str, frames: FrameBlock) -> None:
     if kind == ".log":
-        _write_candump(path, frames, channel)
+        with open_for_writing(path) as file:
+            file.write(lines_of(frames, "can0", ""))
         return
     if path.suffix.lower() == ".mf4":
         write_mf4(path, frames)
         return
     with can.Logger(path) as logger:
-        for frame in frames.frames():
+        for frame in frames_of(frames):
             logger.on_message_received(
                 can.Message(
-                    timestamp=round(frame.t_ns / 1000) / 1e6,
+                    timestamp=frame.t_ns // 1000 / 1e6,
                     arbitration_id=frame.can_id,
                     is_extended_id=frame.is_extended,
                     data=frame.data,
                     channel=0,
                 )
             )
-
-
-def _write_candump(path: Path, frames: EncodedFrames, channel: str) -> None:
-    """Write ``candump -L`` lines, the same bytes every time."""
-    us = (frames.t_ns + 500) // 1000
-    digits = frames.data.tobytes().hex().upper()
-    lines = [
-        f"({t // 1_000_000}.{t % 1_000_000:06d}) {channel} "
-        f"{can_id:{'08X' if extended else '03X'}}#{digits[16 * i : 16 * i + 2 * length]}\n"
-        for i, (t, can_id, extended, length) in enumerate(
-            zip(
-                us.tolist(),
-                frames.can_id.tolist(),
-                frames.is_extended.tolist(),
-                frames.length.tolist(),
-                strict=True,
-            )
-        )
-    ]
-    with open_for_writing(path) as file:
-        file.write("".join(lines).encode("ascii"))

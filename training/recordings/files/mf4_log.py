@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.types import FrameBlock
 from monitor.frames import mdf as mdf4
-from training.recordings.files.frame_block import EncodedFrames
+from monitor.frames.blocks import EXTENDED
 
 _NAME: Final = "CAN_DataFrame"  # names and layout: ASAM MDF, associated standard for bus logging
 _DTYPE: Final = np.dtype(
@@ -25,7 +26,7 @@ _DTYPE: Final = np.dtype(
 )
 
 
-def write_mf4(path: Path, frames: EncodedFrames) -> None:
+def write_mf4(path: Path, frames: FrameBlock) -> None:
     """Write the frames to an .mf4 file; its start time is the first frame's whole second.
 
     Raises RecordingError if asammdf is not installed.
@@ -41,8 +42,8 @@ def write_mf4(path: Path, frames: EncodedFrames) -> None:
     start_s = int(frames.t_ns[0]) // 1_000_000_000
     samples = np.zeros(len(frames.t_ns), dtype=_DTYPE)
     samples[f"{_NAME}.BusChannel"] = 1
-    samples[f"{_NAME}.ID"] = frames.can_id
-    samples[f"{_NAME}.IDE"] = frames.is_extended
+    samples[f"{_NAME}.ID"] = frames.key & (EXTENDED - 1)
+    samples[f"{_NAME}.IDE"] = frames.key >= EXTENDED
     samples[f"{_NAME}.DLC"] = samples[f"{_NAME}.DataLength"] = frames.length
     samples[f"{_NAME}.DataBytes"] = frames.data
     with path.open("wb"):  # an unwritable place is told before any work
@@ -53,7 +54,7 @@ def write_mf4(path: Path, frames: EncodedFrames) -> None:
             Signal(
                 name=_NAME,
                 samples=samples,
-                timestamps=((frames.t_ns + 500) // 1000 - start_s * 1_000_000) / 1e6,
+                timestamps=(frames.t_ns // 1000 - start_s * 1_000_000) / 1e6,
                 source=SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN),
             )
         )
