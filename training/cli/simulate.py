@@ -56,8 +56,6 @@ class SimulateCommand:
         a fault of either does so, too
     active_steps : the ECU tests its catalyst with steps of the commanded mixture by so much, as
         0.03
-    linear_reading : the ECU takes lambda as linear in the sensor's pump current: it reads 2.0 in
-        air, where the usual one ends at 15.9
     fault_start : time at which the fault begins, in seconds
     injection : give the vehicle real injectors and a wall film; a table then holds a tuner's log
     metering : how the ECU of such a vehicle meters air (default: speed_density)
@@ -76,7 +74,6 @@ class SimulateCommand:
     fault: Annotated[Sequence[str], REPEATED, "NAME[=SEVERITY]", _FAULT] = ()
     downstream: Annotated[Literal["switching", "wide"] | None, _KINDS] = None
     active_steps: Annotated[float, "PHI"] = 0.0
-    linear_reading: bool = False
     fault_start: Length = 0.0
     effect: Annotated[Sequence[str], REPEATED, "NAME=SEVERITY", _EFFECT] = ()
     injection: Literal["port", "direct"] | None = None
@@ -133,7 +130,6 @@ def run(args: SimulateCommand) -> int:
             wide_downstream=args.downstream == "wide",
             active_steps_phi=args.active_steps,
             downstream_fault=downstream_fault,
-            linear_reading=args.linear_reading,
         )
         print(write(experiment, args.out, args.format, args.period))
         if args.truth is not None and seed == args.seed:

@@ -19,7 +19,6 @@ from training.dyno.effects import Effects
 from training.dyno.vehicle import STOICHIOMETRIC_AIR_FUEL, Conditions, Piece
 
 LAMBDA_MAX = 15.9  # highest lambda that the ECU sends, in fuel cut
-LINEAR_AIR_LAMBDA = 2.0  # that an ECU reads in air if it takes lambda as linear in the pump current
 HISTORY = 512  # steps of 10 ms in a ring, the longest delay
 TRIM_LIMIT = 0.30
 SENSOR_WARM_UP_S = 15.0
@@ -47,7 +46,6 @@ class SensorParameters(NamedTuple):
     hold_s: float
     not_ready: float
     start_s: float
-    linear: float  # 1: the ECU takes lambda as linear in the pump current
 
 
 class Mixture(NamedTuple):
@@ -384,8 +382,6 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         )
         uego = _pumping(uego, exhaust.gas, flow, course.sensor_tau_s[k], c.ambient_kpa, e)
         healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
-        if f.linear > 0.0:  # the pump current grows with 1 - phi
-            healthy = 1.0 / (LINEAR_AIR_LAMBDA - healthy)
         sensed[k % HISTORY] = healthy
         slow, reading = _read(slow, k, sensed, faulty, f)
         if faulty and f.ripple_lambda + f.hold_s + abs(f.drift_lambda) > 0.0:
@@ -448,8 +444,6 @@ def run(
     course: MixtureCourse | None = None,
     rear: downstream.Downstream = downstream.NONE,
     rear_rng: np.random.Generator | None = None,
-    *,
-    linear: bool = False,
 ) -> Mixture:
     """Return the mixture side of a drive.
 
@@ -460,7 +454,6 @@ def run(
     course : properties that follow the operating point, None is those of the type
     rear : catalyst and downstream sensor, by default none
     rear_rng : draws the noise of the downstream sensor
-    linear : the ECU takes lambda as linear in the sensor's pump current
     """
     noise = rng.standard_normal((len(drive.engine_rpm), 3))
     f = fault or Fault("healthy", 0.0)
@@ -477,7 +470,6 @@ def run(
         hold_s=f.hold_s,
         not_ready=float(f.not_ready or f.missing),
         start_s=start_s if fault else np.inf,
-        linear=float(linear),
     )
     trim = np.empty(0) if forced_trim is None else forced_trim
     course = course or usual_course(drive, p, e)

@@ -64,7 +64,6 @@ def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
         "effects": {k: v for k, v in experiment.effects._asdict().items() if v},
         **_of_downstream(experiment),
         **({"layout": experiment.layout.name} if experiment.layout else {}),
-        **({"linear_reading": True} if experiment.linear_reading else {}),
     }
 
 

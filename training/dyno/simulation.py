@@ -38,7 +38,6 @@ class Experiment:
     wide_downstream: bool = False  # the downstream sensor is one of wide range
     active_steps_phi: float = 0.0  # of the ECU's own test of the catalyst, one side; 0: it has none
     piece: Piece | None = None  # engine and sensor; None is the vehicle's own
-    linear_reading: bool = False  # the ECU takes lambda as linear in the pump current: 2.0 in air
 
     @property
     def name(self) -> str:
@@ -53,8 +52,6 @@ class Experiment:
         content = [*faults, *effects] or ["healthy"]
         if self.downstream and self.downstream_fault is None:
             content.append("downstream")
-        if self.linear_reading:
-            content.append("linear")
         return "_".join([self.cycle, f"v{self.vehicle}", f"s{self.seed}", *layout, *content])
 
     @property
@@ -104,7 +101,6 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
         course=course,
         rear=_rear(experiment, conditions),
         rear_rng=np.random.default_rng([*key, 6]) if experiment.downstream else None,
-        linear=experiment.linear_reading,
     )
     return air, fuel, conditions
 

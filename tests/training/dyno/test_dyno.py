@@ -195,9 +195,5 @@ def test_on_overrun_fuel_is_cut_and_the_sensor_reads_air() -> None:
     long = [k for k in starts if cut[k : k + 200].all()]  # two seconds
     assert long
     assert min(signals["lambda_measured"][k + 199] for k in long) > 5.0
-    # WHEN the ECU takes lambda as linear in the pump current THEN air is no end of its range
-    linear = driven(Experiment(seed=1, linear_reading=True))["lambda_measured"]
-    assert min(linear[k + 199] for k in long) > 1.9
-    assert np.nanmax(linear) < 2.1
     closed = signals["closed_loop"] > 0.5
     assert abs(np.nanmean(1.0 / signals["lambda_measured"][closed]) - 1.0) < 0.01
