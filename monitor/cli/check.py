@@ -112,22 +112,18 @@ def _concluded(
         return NOT_JUDGED
     held = f"every signal, but stale at times: {', '.join(stale)}" if stale else "all it needs"
     say(f"the model has {held}")
-    if log:
-        _say_causes(log, setup)
-    return 0
-
-
-def _say_causes(log: Path, setup: "Setup") -> None:
-    """Print the reasons that would keep the recording from a verdict."""
-    if not setup.model.card.limits:
-        say("the model has no decision limits: o2mon replay cannot judge with it; fit it to more")
+    if log is None:
+        return 0
     from monitor.pipeline.recordings import RecordingReader
     from monitor.report.check import held_up
 
     card = setup.model.card
+    if not card.limits:
+        say("the model has no decision limits: o2mon replay cannot judge with it; fit it to more")
     reader = RecordingReader(setup.bus_map, card, setup.columns)
     for cause in held_up(reader.open(log), card, setup.config):
         say(f"would hold up a verdict: {cause.in_words}")
+    return 0
 
 
 def _check_table(args: CheckOptions, log: Path) -> int:

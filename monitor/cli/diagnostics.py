@@ -10,11 +10,9 @@ from monitor.cli.options import say
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
-    from monitor.bus.diagnostics.state import State
     from monitor.bus.loop import Loop
     from monitor.pipeline.replay import Setup
 
-_NONE = "none"
 _MISSING = "can-isotp is not installed; pip install '.[diagnostics]' in the project's folder"
 
 
@@ -43,12 +41,11 @@ def diagnostics(
     tell : receives the reason why there is no diagnostics
     Raises UsageError if the options contradict or can-isotp is missing.
     """
-    asked = args.diagnostics_id not in (None, _NONE)
-    if not args.transmit:
+    asked, is_none = args.diagnostics_id not in (None, "none"), args.diagnostics_id == "none"
+    if is_none or not args.transmit:
         if asked or args.vin or args.clear_while_running:
-            raise UsageError("diagnostics answers only with --transmit")
-        return []
-    if args.diagnostics_id == _NONE:
+            why = "not with --diagnostics-id none" if is_none else "only with --transmit"
+            raise UsageError(f"diagnostics answers {why}")
         return []
     if find_spec("isotp") is None:
         if asked:
@@ -56,16 +53,11 @@ def diagnostics(
         tell(f"no diagnostics: {_MISSING}")
         return []
     from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, DiagnosticAddress, Diagnostics
-
-    address = DiagnosticAddress.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
-    return [Diagnostics(_state(args, setup, loop), address)]
-
-
-def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
     from monitor.bus.diagnostics.state import Identity, State
 
     monitor, config = loop.pipeline.monitor, setup.config
-    return State(
+    address = DiagnosticAddress.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
+    state = State(
         store=monitor.store,
         identity=Identity(
             model_name=setup.model.path.name,
@@ -78,3 +70,4 @@ def _state(args: DiagnosticsOptions, setup: "Setup", loop: "Loop") -> "State":
         running_rpm=config.plausibility.engine_running_rpm,
         clear_while_running=args.clear_while_running,
     )
+    return [Diagnostics(state, address)]

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from monitor.pipeline.replay import Setup
 
 NOT_JUDGED = 3
-
-
 LOGS = (
     "CAN log (.log .asc .blf .trc .csv .mf4), table (.csv .parquet) or log of a tuning tool (.msl "
     ".mlg .csv); logs and tables of text also with .gz"
@@ -216,12 +214,6 @@ def write_outputs(
         say(f"report: {args.html}")
 
 
-def bus_name(args: argparse.Namespace) -> str:
-    """Return interface and channel of the options, without those that are left out."""
-    parts = (getattr(args, name, None) for name in ("interface", "channel"))
-    return " ".join(str(part) for part in parts if part)
-
-
 def bus_address(args: argparse.Namespace) -> tuple[str, str]:
     """Return interface and channel of the options, else of the environment or can.conf, else ""."""
     from can.util import load_config
@@ -231,7 +223,8 @@ def bus_address(args: argparse.Namespace) -> tuple[str, str]:
         config = dict(load_config(config=given))
     except Exception:  # python-can raises errors of several kinds where nothing is configured
         config = given
-    return str(config.get("interface") or ""), str(config.get("channel") or "")
+    interface, channel = (config.get(name) for name in ("interface", "channel"))
+    return interface or "", "" if channel is None else str(channel)
 
 
 def open_bus(args: argparse.Namespace) -> "can.BusABC":
@@ -249,7 +242,7 @@ def open_bus(args: argparse.Namespace) -> "can.BusABC":
         ImportError,
         NotImplementedError,
     ) as error:
-        where = bus_name(args) or "no -i and -c given"
+        where = " ".join(bus_address(args)).strip() or "no -i and -c given"
         cause: BaseException = error
         while cause.__cause__:
             cause = cause.__cause__

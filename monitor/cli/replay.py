@@ -9,7 +9,9 @@ from typing import Annotated
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
-from monitor.cli.sinks import SinkOptions, open_sinks
+from monitor.cli.sinks import SinkOptions, appended, open_sinks
+
+__all__ = ["EXAMPLES", "appended", "run"]
 
 EXAMPLES = """examples:
   o2mon replay drive.blf                     log of the project's own ECU, shipped model

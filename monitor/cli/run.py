@@ -19,7 +19,7 @@ from monitor.cli.options import (
     JudgeOptions,
     ObdOptions,
     Seconds,
-    bus_name,
+    bus_address,
     obd_poller,
     open_bus,
     say,
@@ -27,7 +27,7 @@ from monitor.cli.options import (
     tell_if_too_slow,
     write_outputs,
 )
-from monitor.cli.sinks import STDOUT, SinkOptions, open_sinks, sink_feed
+from monitor.cli.sinks import STDOUT, SinkOptions, appended, open_sinks, sink_feed
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from monitor.bus.terminal import Out
     from monitor.pipeline.replay import Setup
 
+__all__ = ["EXAMPLES", "appended", "run"]
 EXAMPLES = """examples:
   o2mon run -i socketcan -c can0                         only listen
   o2mon run -i socketcan -c vcan0 --record drive.log --duration 600
@@ -91,7 +92,7 @@ def run(args: RunOptions) -> int:
     if memory and memory.condition.says:
         out.say(memory.condition.says)
     with closing(memory) if memory else nullcontext(), open_bus(args.bus) as bus:
-        name = bus_name(args.bus)
+        name = " ".join(bus_address(args.bus)).strip()
         loop = loops.Loop(
             bus,
             setup,
@@ -116,7 +117,7 @@ def run(args: RunOptions) -> int:
         try:
             loops.run(loop, args.duration)
         finally:  # write the result even if the bus fails
-            recording = loop.result(str(getattr(args.bus, "channel", None) or name))
+            recording = loop.result(bus_address(args.bus)[1] or name)
             if feed:
                 recording |= {"sinks": feed[0].entries()}
             for line in print_recording(recording):
@@ -136,8 +137,7 @@ def _views(args: RunOptions, loop: "Loop", out: "Out") -> "Iterator[Attachment]"
         kind = Screen if out.stream.isatty() else EventLines
         view = kind(monitor, health, loop.collector, out)
     yield view
-    watchdog = Watchdog.of(view.line)
-    if watchdog:
+    if watchdog := Watchdog.of(view.line):
         yield watchdog
 
 

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 from monitor.base.command_line.signature import REPEATED
@@ -15,16 +16,18 @@ if TYPE_CHECKING:
 
 
 STDOUT: Final = "jsonl:-"
-FIELDS: Final = ("kind", "t_ns")  # of every record
 
 
 def _tag(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (equals and value and name.isidentifier() and name.isascii()):
         raise argparse.ArgumentTypeError(f"{text}: NAME=TEXT is wanted, NAME of letters and digits")
-    if name in FIELDS:
+    from monitor.base.signals import BY_NAME
+    from monitor.sinks.record import FIELDS
+
+    if name in FIELDS or name in BY_NAME:
         raise argparse.ArgumentTypeError(
-            f"{text}: every record has its own {name}; choose another NAME"
+            f"{text}: records have their own {name}; choose another NAME"
         )
     return name, value
 
@@ -42,6 +45,12 @@ class SinkOptions:
     sink: Annotated[Sequence[str], REPEATED, "ADDRESS"] = ()
     sink_rate: Hertz = 1.0
     sink_tag: Annotated[Sequence[tuple[str, str]], REPEATED, _tag, "NAME=TEXT"] = ()
+
+
+def appended(args: argparse.Namespace) -> list[Path]:
+    """Return the files to which the sinks append."""
+    kinds = [address.partition(":")[::2] for address in args.sink if address != STDOUT]
+    return [Path(place) for kind, place in kinds if kind.lower() == "jsonl"]
 
 
 def open_sinks(args: SinkOptions) -> "list[tuple[str, Sink]]":

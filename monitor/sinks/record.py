@@ -2,10 +2,17 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 Value = float | int | bool | str
 Tags = Mapping[str, str]  # said by the user, constant during a run
+# Names that records have beside those of signals and of a health's counters: no tag has them.
+FIELDS: Final = frozenset(
+    {
+        *("kind", "t_ns", "of", "verdict", "fault", "mean", "code", "also", "state", "status"),
+        *("started", "predicted", "residual", "enabled", "waits_for", "windows", "mil", "dtcs"),
+    }
+)
 
 
 class Record(NamedTuple):

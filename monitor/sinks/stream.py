@@ -38,26 +38,25 @@ class Stream:
         """Yield the records of an event."""
         if isinstance(event, Tick):
             yield from self._tick(event)
-        elif isinstance(event, WindowJudged):
-            self._windows += 1
-            yield from self._judged("window", event, event.mean)
-        elif isinstance(event, CutJudged):
-            yield from self._judged("fuel_cut", event, None)
+        elif isinstance(event, WindowJudged | CutJudged):
+            yield from self._judged(event)
         elif isinstance(event, DtcChanged):
             yield from self._code(event.t_ns, event.dtc)
         elif isinstance(event, CycleStarted):
             yield Record("cycle", event.t_ns, {"started": True})
 
-    def _judged(
-        self, of: str, event: WindowJudged | CutJudged, mean: float | None
-    ) -> Iterator[Record]:
+    def _judged(self, event: WindowJudged | CutJudged) -> Iterator[Record]:
         """Yield a record if the verdict or the fault is another one than before."""
+        of, mean = "fuel_cut", math.nan
+        if isinstance(event, WindowJudged):
+            of, mean = "window", event.mean
+            self._windows += 1
         verdict = event.outcome, event.fault
         if verdict == self._verdicts.get(of):
             return
         self._verdicts[of] = verdict
         values: dict[str, Value] = {"of": of, "verdict": event.outcome, "fault": event.fault or ""}
-        if mean is not None and math.isfinite(mean):
+        if math.isfinite(mean):
             values["mean"] = mean
         yield Record("verdict", event.window.t_end_ns, values)
 
@@ -66,17 +65,9 @@ class Stream:
         if dtc.state == self._states.get(dtc.code):
             return
         self._states[dtc.code] = dtc.state
-        yield Record(
-            "code",
-            t_ns,
-            {
-                "code": dtc.code,
-                "fault": dtc.fault,
-                "also": " ".join(dtc.also),
-                "state": dtc.state or HEALED,
-                "status": int(dtc.status),
-            },
-        )
+        told = {"code": dtc.code, "fault": dtc.fault, "also": " ".join(dtc.also)}
+        state = {"state": dtc.state or HEALED, "status": int(dtc.status)}
+        yield Record("code", t_ns, {**told, **state})
 
     def _tick(self, tick: Tick) -> Iterator[Record]:
         sample = tick.sample
@@ -98,10 +89,5 @@ class Stream:
                 values[name] = sample.values.item(i)
         waits = "" if tick.enabled else CONDITIONS[tick.conditions.index(False)]
         store = self._monitor.store
-        return values | {
-            "enabled": tick.enabled,
-            "waits_for": waits,
-            "windows": self._windows,
-            "mil": store.mil,
-            "dtcs": len(store.active),
-        }
+        values |= {"enabled": tick.enabled, "waits_for": waits, "windows": self._windows}
+        return values | {"mil": store.mil, "dtcs": len(store.active)}

@@ -3,8 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
-from monitor.base.errors import UsageError
-from monitor.base.foreign import ForeignError, foreign
+from monitor.base.foreign import foreign
 from monitor.pipeline.events import BlockEvent, singly
 from monitor.pipeline.monitor import SensorMonitor
 from monitor.sinks.outlet import BATCH
@@ -37,24 +36,14 @@ class Written:
         return listen
 
     def close(self) -> None:
-        """Write the remaining records and close the sinks.
-
-        Raises UsageError if one does not take it.
-        """
+        """Write the remaining records and close the sinks; raises ForeignError if one fails."""
         with ExitStack() as ends:  # every sink is closed, also where one fails
             for name, sink in reversed(self._sinks):
-                ends.callback(_call, name, sink.close)
+                ends.callback(foreign(f"--sink {name}")(sink.close))
             self._write()
 
     def _write(self) -> None:
         records, self._waiting = self._waiting, []
         for name, sink in self._sinks if records else ():
-            _call(name, sink.write, records)
-
-
-def _call(name: str, call: Callable[..., None], *given: Sequence[Record]) -> None:
-    try:
-        with foreign(f"--sink {name}"):
-            call(*given)
-    except ForeignError as error:
-        raise UsageError(str(error)) from error
+            with foreign(f"--sink {name}"):
+                sink.write(records)

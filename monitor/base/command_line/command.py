@@ -74,7 +74,7 @@ def parser(
 
 def add_module(module: ModuleType, parser: argparse.ArgumentParser) -> None:
     """Make a parser that of a module's ``run``, with what the check of its files must know."""
-    facts = {name: getattr(module, name, None) for name in ("also_written", "changed_in_place")}
+    facts = {name: getattr(module, name, None) for name in option_paths.FACTS}
     add_command(parser, module.run, module.EXAMPLES, **facts)
 
 

@@ -4,18 +4,21 @@ The ``type`` of an argparse option is its role here. ``check`` looks at all opti
 command before the work begins: nothing that is read is written over, nothing is written twice, no
 file of another program is replaced without ``--force``, an option that every command that writes
 has. Files that a command writes without an option of their own are named by
-``also_written``, a default of the parser: a function from the namespace to paths. A command that
-changes a file in place unless it is told to write another names that option ``changed_in_place``.
+``also_written``, a default of the parser: a function from the namespace to paths; ``appended``
+names those that it lengthens. A command that changes a file in place unless it is told to write
+another names that option ``changed_in_place``.
 """
 
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from monitor.base.errors import UsageError
 from monitor.base.files import manifest, outputs
 from monitor.base.files.inputs import other_kind
+
+FACTS: Final = ("also_written", "appended", "changed_in_place")
 
 
 class PathRole:
@@ -68,16 +71,18 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
 
     memories = of(kept)
     for path in of(read, kept):
-        _check_kind(path)
+        if path.exists() and (kind := other_kind(path.stat().st_mode)):
+            raise UsageError(f"{path}: is {kind}, a regular file is wanted")
     for path in of(folder):
         if path.exists() and not path.is_dir():
             raise UsageError(f"{path}: is a file, a folder is wanted")
-    beside = [path for path in _beside(args) if path.parent.is_dir()]
-    for path in [*of(written, numbered), *beside]:
+    beside = [path for path in _further(args, "also_written") if path.parent.is_dir()]
+    lengthened = [*of(numbered), *_further(args, "appended")]
+    for path in [*of(written), *beside, *lengthened]:
         if outputs.is_shipped(path):
             raise UsageError(f"{path}: belongs to the program; choose another file to write")
     replaced = [*of(written, written_model), *beside]
-    goals = [*replaced, *of(numbered)]
+    goals = [*replaced, *lengthened]
     changed = _changed(args, of(written_model))
     inputs = [each.path for each in found if each.role is read and each.option != changed]
     if changed and not of(written_model):
@@ -94,9 +99,9 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
         outputs.check_replaced(replaced)
 
 
-def _beside(args: argparse.Namespace) -> list[Path]:
+def _further(args: argparse.Namespace, fact: str) -> list[Path]:
     """Return the files that the command writes without an option of their own."""
-    files = getattr(args, "also_written", None)
+    files = getattr(args, fact, None)
     return list(files(args)) if files else []
 
 
@@ -117,11 +122,6 @@ def named(parser: argparse.ArgumentParser, args: argparse.Namespace) -> Iterator
         elif isinstance(action.type, PathRole) and value is not None:
             for path in value if isinstance(value, list) else [value]:
                 yield Named(action.type, action.dest, path)
-
-
-def _check_kind(path: Path) -> None:
-    if path.exists() and (kind := other_kind(path.stat().st_mode)):
-        raise UsageError(f"{path}: is {kind}, a regular file is wanted")
 
 
 def _is_of_memory(path: Path, memory: Path) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from monitor.base.errors import UsageError
+from monitor.base.foreign import ForeignError
 from monitor.sinks.outlet import BATCH, Outlet
 from monitor.sinks.record import Record
 from monitor.sinks.written import Written
@@ -47,13 +47,8 @@ def test_records_arrive_in_their_order() -> None:
         outlet.put(record(k))
     outlet.close()
     assert [each.t_ns for each in sink.taken] == list(range(2 * BATCH + 7))
-    assert outlet.entry() == {
-        "sink": "fake",
-        "state": "connected",
-        "sent": 2 * BATCH + 7,
-        "dropped": 0,
-        "lost": 0,
-    }
+    counters = {"sent": 2 * BATCH + 7, "dropped": 0, "lost": 0}
+    assert outlet.entry() == {"sink": "fake", "state": "connected", **counters}
     assert sink.closed == 1
 
 
@@ -123,6 +118,6 @@ def test_a_replay_closes_every_sink_and_names_the_one_that_fails_at_its_end() ->
             raise ValueError("the socket is gone")
 
     sinks = [("first", Fake()), ("gone", Gone()), ("last", Fake())]
-    with pytest.raises(UsageError, match=r"^--sink gone fails: the socket is gone$"):
+    with pytest.raises(ForeignError, match=r"^--sink gone fails: the socket is gone$"):
         Written(sinks, rate_hz=1.0).close()
     assert [sink.closed for _, sink in sinks] == [1, 0, 1]

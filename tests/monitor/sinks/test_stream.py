@@ -12,10 +12,12 @@ from hypothesis import strategies as st
 
 from monitor import cli
 from monitor.base.errors import UsageError
+from monitor.base.signals import BY_NAME
 from monitor.sinks.address import open_sink, shown
-from monitor.sinks.record import Record, Value, json_of
+from monitor.sinks.record import FIELDS, Record, Value, json_of
 from tests.conftest import ROOT
 
+SHIPPED = ROOT / "monitor" / "model" / "shipped.onnx"
 LATE = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 
@@ -39,6 +41,7 @@ def test_a_late_sensor_is_a_verdict_of_windows_of_fuel_cuts_and_one_code(
     records, recording = drive
     [dtc] = recording["dtcs"]
     assert dtc["fault"] == "delay_rich_to_lean"
+    assert {name for each in records for name in each} <= FIELDS | BY_NAME.keys()  # for no tag
     verdicts = [each for each in records if each["kind"] == "verdict"]
     for of in ("window", "fuel_cut"):
         own = [each for each in verdicts if each["of"] == of]
@@ -64,15 +67,15 @@ def test_signals_come_once_a_second_and_lambda_is_prediction_plus_residual(
     assert 500.0 < signals[-1]["engine_speed_rpm"] < 4000.0
 
 
-@pytest.mark.parametrize("name", ["kind", "t_ns"])
-def test_a_tag_with_the_name_of_a_field_that_every_record_has_is_refused(
+@pytest.mark.parametrize("name", ["kind", "fault", "engine_speed_rpm"])
+def test_a_tag_with_the_name_of_a_record_s_own_field_is_refused(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     call = ["replay", str(LATE), "--sink", "jsonl:-", "--sink-tag", f"{name}=17"]
     with pytest.raises(SystemExit, match="2"):
         cli.main(call)
     said = capsys.readouterr().err
-    assert f"--sink-tag: {name}=17: every record has its own {name}; choose another NAME" in said
+    assert f"--sink-tag: {name}=17: records have their own {name}; choose another NAME" in said
 
 
 def test_tags_are_the_user_s_and_signals_come_no_more_often_than_wanted(tmp_path: Path) -> None:
@@ -98,22 +101,43 @@ def test_a_replay_says_which_sink_does_not_take_its_results(
 
 
 def test_an_address_without_a_sink_is_a_usage_error() -> None:
-    with pytest.raises(UsageError, match="--sink kafka://b/t: no such kind; there are jsonl, mq"):
-        open_sink("kafka://user:secret@b/t", {})
-    with pytest.raises(UsageError, match="--sink mqtt:/x: an MQTT sink needs a host"):
-        open_sink("mqtt:/x", {})
-    with pytest.raises(UsageError, match="jsonl:FILE"):
-        open_sink("jsonl://host/a.jsonl", {})
-    with pytest.raises(UsageError, match="Port"):
-        open_sink("mqtt://host:many", {})
+    for address, said in (
+        ("kafka://user:secret@b/t", "--sink kafka://b/t: no such kind; there are jsonl, mq"),
+        ("mqtt:/x", "--sink mqtt:/x: an MQTT sink needs a host"),
+        ("jsonl://host/a.jsonl", "jsonl:FILE"),
+        ("mqtt://host:many", "Port"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            open_sink(address, {})
 
 
 @pytest.mark.parametrize("name", ["car #1.jsonl", "why?.jsonl", "ä %20.jsonl"])
-def test_lines_go_to_the_file_that_the_address_names(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("torn", ["", '{"kind": "cyc'])
+def test_lines_go_to_the_file_of_the_address_behind_one_that_a_kill_tore(
+    tmp_path: Path, name: str, torn: str
+) -> None:
+    (tmp_path / name).write_text(torn)
+    record = Record("cycle", 5, {"started": True})
     sink = open_sink(f"jsonl:{tmp_path / name}", {})
-    sink.write([Record("cycle", 5, {"started": True})])
+    sink.write([record])
     sink.close()
-    assert [each.name for each in tmp_path.iterdir()] == [name]
+    (out,) = tmp_path.iterdir()
+    assert out.read_text().splitlines() == [*torn.splitlines(), json_of(record, {})]
+
+
+def test_lines_are_never_appended_to_a_file_of_anything_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, new = tmp_path / "drive.blf", tmp_path / "new"
+    log.write_bytes(LATE.read_bytes())
+    for sink, more in ((log, ()), (SHIPPED, ()), (new, ("--json", str(new)))):
+        call = ["replay", str(log), "--sink", f"jsonl:{sink}", *more]
+        assert cli.main(call) == 2
+        assert str(sink) in capsys.readouterr().err
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(UsageError, match="is there already and holds no records"):
+        open_sink(f"jsonl:{tmp_path / 'notes.txt'}", {})
+    assert log.read_bytes() == LATE.read_bytes()
 
 
 def test_no_message_shows_a_password() -> None:
