@@ -79,7 +79,7 @@ def judge(path: Path, setup: Setup) -> dict[str, Any]:
     result = result_of([entry], setup)
     write_json(path.with_suffix(".json"), result)
     page = path.with_suffix(".html")
-    write_report(page, result, [trace], title=path.name, model_info=model_info(setup))
+    write_report(page, result, [trace], model_info=model_info(setup))
     if not entry["windows"]:
         raise AssertionError("no window was judged")
     return entry

@@ -24,6 +24,7 @@ from monitor.report.words import (
     is_simulated,
     meaning,
     names,
+    not_listed,
     passed_beside,
     seconds,
     tests,
@@ -37,7 +38,6 @@ OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 
 def body(
-    title: str,
     recordings: Sequence[Mapping[str, Any]],
     model_info: Mapping[str, str],
     output: str,
@@ -53,14 +53,15 @@ def body(
             f'<p class="note"><strong>Simulated.</strong> {which} on this page: from a simulation, '
             "not from a vehicle. Their results are marked.</p>"
         )
-    overview = _summary(recordings) if len(recordings) > 1 else ""
-    lead = _lead(recordings) if len(recordings) > 1 else ""
+    lead = overview = ""
+    if len(recordings) > 1:
+        lead, overview = _lead(recordings), _summary(recordings)
     opened = len(recordings) <= OPEN_AT_FIRST
     sections = "\n".join(
         _recording(i, recording, output, opened) for i, recording in enumerate(recordings)
     )
     return (
-        f"<header><h1>{text(title)}</h1>{lead}{note}</header>\n<main>\n"
+        f"<header><h1>Oxygen sensor monitor</h1>{lead}{note}</header>\n<main>\n"
         f"{overview}\n{sections}\n{_model(model_info, recordings)}\n{_steps(steps)}\n</main>"
     )
 
@@ -251,7 +252,8 @@ def _windows(recording: Mapping[str, Any]) -> str:
     windows = recording["windows"]
     if not windows:
         return '<p class="quiet">No window of enabled samples was filled.</p>'
-    summary = f"<summary>All {counted(len(windows), 'window')} as a table</summary>"
+    shown = "Latest" if not_listed(recording) else "All"
+    summary = f"<summary>{shown} {counted(len(windows), 'window')} as a table</summary>"
     return f'<details class="windows">{summary}</details>'
 
 
@@ -317,10 +319,11 @@ def _tag(recording: Mapping[str, Any]) -> str:
 
 def _counts(recording: Mapping[str, Any]) -> str:
     n = verdict_counts(recording)
-    return ", ".join(
+    words = ", ".join(
         f'<span class="mark {verdict if n[verdict] else ""}">{n[verdict]} {verdict}</span>'
         for verdict in ("passed", "failed", "inconclusive")
     )
+    return words + not_listed(recording)
 
 
 def _enabled(recording: Mapping[str, Any]) -> str:

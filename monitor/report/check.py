@@ -86,11 +86,8 @@ class SignalSeen:
         if self.stale:
             return self.staleness
         if not self.count:
-            return (
-                "not available"
-                if self.invalid
-                else ("out of range" if self.out_of_range else "MISSING")
-            )
+            kept_out = "out of range" if self.out_of_range else "MISSING"
+            return "not available" if self.invalid else kept_out
         bad = self.invalid + self.out_of_range
         return "plausible" if bad <= 0.01 * self.count else f"{bad} bad values"
 

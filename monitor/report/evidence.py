@@ -25,7 +25,7 @@ def rows(recording: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     evidence: Mapping[str, Mapping[str, Any]] = recording.get("evidence") or {}
     known = [(v["log_odds"], k) for k, v in evidence.items() if v["log_odds"] is not None]
     found = [_row(fault, evidence[fault]) for _, fault in sorted(known, reverse=True)]
-    if recording.get("dtcs"):  # the drive has its answer
+    if recording.get("fault_flag"):  # the drive has its answer
         return [(fault, words, left if left in DECIDED else "–") for fault, words, left in found]
     return found
 

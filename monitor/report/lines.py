@@ -15,6 +15,8 @@ from monitor.report.words import (
     advice,
     counted_out,
     is_catalyst_alone,
+    is_simulated,
+    not_listed,
     passed_beside,
     tests,
     verdict_counts,
@@ -87,7 +89,8 @@ def print_recording(recording: Mapping[str, Any], *, windows: bool = False) -> I
                 f"{w['verdict']:<12} {w['fault'] or ''}{'  paper: failed' * w['paper_failed']}"
             )
     judged = ", ".join(f"{counts[name]} {name}" for name in ("passed", "failed", "inconclusive"))
-    simulated = " (simulated)" if recording.get("source") == "simulated" else ""
+    judged += not_listed(recording)
+    simulated = " (simulated)" if is_simulated(recording) else ""
     verdict, *others = verdict_lines(recording)
     yield f"{recording['path']}{simulated}: {verdict}"
     yield from (f"  and {other}" for other in others)

@@ -1,14 +1,7 @@
 """Facts of a model for the report."""
 
 from monitor.base.signals import OUTPUT
-from monitor.model.card import ModelCard
 from monitor.pipeline.replay import Setup
-
-
-def trained_on(card: ModelCard) -> str:
-    """Return in words where a model's training recordings come from."""
-    sources = sorted({r.source or "source not said" for r in card.recordings})
-    return ", ".join(sources) or "source not said"
 
 
 def predicted_quantity(setup: Setup) -> str:
@@ -23,6 +16,7 @@ def model_info(setup: Setup) -> dict[str, str]:
     own = card.output.unit
     unit = own if own and own != "-" else predicted_quantity(setup)
     layers = " and ".join(str(n) for n in card.layers)
+    sources = sorted({r.source or "source not said" for r in card.recordings})
     shape = f"lags {card.lags}, hidden layers {layers}" if layers else f"{card.lags} samples"
     return {
         "model": setup.model.path.name,
@@ -30,7 +24,7 @@ def model_info(setup: Setup) -> dict[str, str]:
         "kind": f"{card.kind}, {shape}",
         "inputs": ", ".join(card.input_names),
         "output": card.output.name,
-        "trained on": f"{len(card.recordings)} recordings ({trained_on(card)})",
+        "trained on": f"{len(card.recordings)} recordings ({', '.join(sources)})",
         "sample period": f"{card.period_ns / 1e6:g} ms",
         "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f} {unit}",
     }

@@ -17,7 +17,6 @@ from monitor.base.files.outputs import write_text
 from monitor.base.files.page_parts import drawing, embedded, policy_hash, static
 from monitor.base.types import FloatArray
 from monitor.pipeline.collector import Trace
-from monitor.report import elements
 from monitor.report.body import body
 from monitor.report.vehicle_offset import vehicle_offset
 from monitor.report.words import has_model
@@ -32,7 +31,6 @@ def write_report(
     result: Mapping[str, Any],
     traces: Sequence[Trace],
     *,
-    title: str = "Oxygen sensor monitor",
     model_info: Mapping[str, str],
     output: str = "lambda",
     steps: Mapping[str, str] | None = None,
@@ -56,12 +54,11 @@ def write_report(
     style = static("uplot/uPlot.min.css", "draw.css", "report.css")
     script = drawing(static("report.js"))
     page = Template(static("report.html")).substitute(
-        title=elements.text(title),
         script_hash=policy_hash(script),
         style_hash=policy_hash(style),
         style=style,
         script=script,
-        body=body(title, recordings, model_info, output, steps or {}),
+        body=body(recordings, model_info, output, steps or {}),
         data="\n".join(
             f'<script type="application/json" id="series-{i}">{embedded(item)}</script>'
             for i, item in enumerate(plotted)
@@ -80,8 +77,8 @@ def series(recording: Mapping[str, Any], trace: Trace) -> dict[str, Any]:
     t_s = trace.t_s[keep]
     return {
         "t_s": _grid(t_s),
-        "measured": _values(trace.measured[keep]),
-        "predicted": _values(trace.predicted[keep]),
+        "measured": list(map(_rounded, trace.measured[keep].tolist())),
+        "predicted": list(map(_rounded, trace.predicted[keep].tolist())),
         "enabled": _spans(trace.t_s, trace.enabled),
         "fault_flag": _spans(trace.t_s, trace.fault_flag),
         "samples": len(trace.t_s),
@@ -123,10 +120,6 @@ def _grid(t_s: FloatArray) -> dict[str, float | int] | list[float]:
         if np.abs(t_s - (t_s[0] + period_s * np.arange(n))).max() < 1e-4:
             return {"start": round(float(t_s[0]), 6), "period": round(period_s, 9), "count": n}
     return [round(value, 4) for value in t_s.tolist()]
-
-
-def _values(values: FloatArray) -> list[float | None]:
-    return [_rounded(value) for value in values.tolist()]
 
 
 def _spans(t_s: FloatArray, on: NDArray[np.bool_]) -> list[list[float]]:

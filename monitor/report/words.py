@@ -35,9 +35,9 @@ CATALYST_ALONE: Final = "the catalyst passed, nothing else was judged"
 
 
 def is_catalyst_alone(recording: Mapping[str, Any]) -> bool:
-    """Return whether of a drive with a verdict only the catalyst was judged."""
-    method = (recording.get("catalyst") or {}).get("method")
-    return method == "activity" and not recording["dtcs"] and not recording["not_judged"]
+    """Return whether of a drive without a fault only the catalyst was judged."""
+    is_sound = not recording.get("fault_flag") and not recording["not_judged"]
+    return is_sound and (recording.get("catalyst") or {}).get("method") == "activity"
 
 
 def verdict_of(recording: Mapping[str, Any]) -> str:
@@ -52,6 +52,12 @@ def verdict_counts(recording: Mapping[str, Any]) -> dict[str, int]:
     windows = recording["windows"]
     counts = {v: sum(w["verdict"] == v for w in windows) for v in VERDICTS}
     return counts | {"paper": sum(bool(w["paper_failed"]) for w in windows)}
+
+
+def not_listed(recording: Mapping[str, Any]) -> str:
+    """Return which windows ``verdict_counts`` counts, "" where it counts all."""
+    n, dropped = len(recording["windows"]), recording.get("windows_dropped", 0)
+    return f" (the latest {n} of {n + dropped})" if dropped else ""
 
 
 class Advice(NamedTuple):
@@ -121,7 +127,9 @@ def confidence(recording: Mapping[str, Any]) -> str:
         return "; ".join(said)
     if dtcs:
         return "not given: the test of this code has limits, no evidence"
-    return "none, a test is missing" if recording["not_judged"] else "every test ended"
+    if recording["not_judged"]:
+        return "none, a test is missing"
+    return CATALYST_ALONE if is_catalyst_alone(recording) else "every test ended"
 
 
 def amount(evidence: Mapping[str, Any]) -> str:

@@ -58,7 +58,6 @@ class LiveFeed(Attachment):
         self._server, self._monitor, self._health, self._say = server, monitor, health, say
         card = setup.model.card
         self._conditions = ConditionWords(monitor, setup.config.enable, card)
-        self._offset = self._vehicle_offset()
         self._step = max(1, math.ceil(SAMPLE_NS / card.period_ns))
         self._output = monitor.names.index(monitor.output)
         self._samples: deque[list[Any]] = deque(maxlen=SAMPLES)
@@ -70,7 +69,7 @@ class LiveFeed(Attachment):
         self._absent: Collection[str] = ()
         self._is_alive = True
         self.dropped = 0
-        self._greeting: dict[str, Any] = {
+        self._news: dict[str, Any] = {  # for the next message, beside the events
             "run": str(time.time_ns()),  # a page of an earlier run loads itself anew
             "version": __version__,
             "channel": channel,
@@ -78,9 +77,8 @@ class LiveFeed(Attachment):
             "output": card.output.name,
             "window_samples": setup.config.window.n_samples,
             "conditions": self._conditions.wanted(),
-            "limits": response_limits(setup.config, monitor.limits),
         }
-        self._is_greeted = False
+        self._begin_cycle()
 
     def push(self, event: Event) -> None:
         """Keep an event for the next message."""
@@ -91,7 +89,7 @@ class LiveFeed(Attachment):
             self._keep(self._windows, self._window(event))
         else:
             if isinstance(event, CycleStarted):
-                self._offset = self._vehicle_offset()
+                self._begin_cycle()
             self._slow_s = -math.inf
 
     def work(self, now_s: float) -> Iterable[Frame]:
@@ -141,8 +139,7 @@ class LiveFeed(Attachment):
         return times | _numbers(fields) | {"statistics": _numbers(fields["statistics"])}
 
     def _message(self, now_s: float) -> bytes:
-        message = {} if self._is_greeted else dict(self._greeting)
-        self._is_greeted = True
+        message, self._news = self._news, {}
         message |= {"samples": list(self._samples), "windows": list(self._windows)}
         self._samples.clear()
         self._windows.clear()
@@ -150,7 +147,7 @@ class LiveFeed(Attachment):
             self._slow_s = now_s + SLOW_S
             message["health"] = dict(self._health()) | {"page_dropped": self.dropped}
             self._absent = message["health"].get("absent", ())
-            told = self._evidence() | {"dtcs": self._monitor.store.fault_flag}
+            told = self._evidence() | {"fault_flag": self._monitor.store.fault_flag}
             behind = catalyst.rows(self._monitor.catalyst.entry())
             message["memory"] = fault_memory(self._monitor.store) | {
                 "behind": behind,
@@ -163,10 +160,11 @@ class LiveFeed(Attachment):
             message["now"] = self._now(self._latest)
         return json.dumps(message, separators=(",", ":"), allow_nan=False).encode() + b"\n"
 
-    def _vehicle_offset(self) -> VehicleOffset:
-        """Return what is known of the vehicle's offset when a driving cycle begins: nothing."""
+    def _begin_cycle(self) -> None:
+        """Begin a driving cycle, with the limits that the vehicle's reference has learned."""
         judge, limits = self._monitor.judge, self._monitor.limits
-        return VehicleOffset(limits.offset_low, limits.offset_high, judge.period_s)
+        self._offset = VehicleOffset(limits.offset_low, limits.offset_high, judge.period_s)
+        self._news["limits"] = response_limits(judge.config, limits)
 
     def _confidence(self) -> str:
         """Return how sure the verdict so far is, in the words of the report."""
@@ -187,7 +185,7 @@ class LiveFeed(Attachment):
     def _now(self, tick: Tick) -> dict[str, Any]:
         monitor, sample = self._monitor, tick.sample
         return {
-            "t0_ns": str(self._t0_ns or sample.t_ns),
+            "t0_ns": str(self._t0_ns),
             "ms": self._ms(sample.t_ns),
             "measured": _number(sample.values.item(self._output)),
             "predicted": _number(tick.predicted),

@@ -60,7 +60,14 @@ def test_a_catalyst_that_stores_is_sound_and_nothing_else_is_said(tmp_path: Path
     code, recording = replayed(a_table(tmp_path, stores=True), tmp_path)
     assert (code, recording["dtcs"], recording["not_judged"]) == (0, [], None)
     assert any("only the catalyst" in note for note in recording["notes"])
-    assert "The catalyst passed, nothing else was judged." in (tmp_path / "out.html").read_text()
+    said = "catalyst passed, nothing else was judged."
+    assert (tmp_path / "out.html").read_text().lower().count(said) == 2  # verdict and confidence
+    # WHEN its memory is new because the one before was damaged THEN no more was judged
+    memory = tmp_path / "o2.db"
+    memory.write_bytes(b"o2mon torn")
+    _, recording = replayed(tmp_path / "drive.csv", tmp_path, "--memory", str(memory))
+    assert [dtc["code"] for dtc in recording["dtcs"]] == ["P062F"]
+    assert (tmp_path / "out.html").read_text().lower().count(said) == 2
 
 
 @pytest.mark.parametrize(

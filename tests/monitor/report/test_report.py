@@ -14,6 +14,7 @@ import numpy as np
 from monitor.memory.codes import CODES
 from monitor.pipeline.collector import Trace
 from monitor.report import page as report
+from monitor.report.lines import print_recording
 from monitor.report.page import series, thinned, write_report
 from monitor.report.words import confidence, known_faults
 
@@ -91,7 +92,6 @@ def recording(path: str = "drives/healthy.log", **changes: Any) -> dict[str, Any
         "windows": [window(0, "passed"), window(1, "inconclusive")],
         "dtcs": [],
         "fault_flag": False,
-        "completed": True,
         "not_judged": None,
         "enable": {"inputs_valid": 0.99, "coolant_warm": 0.125, "engine_load": "unavailable"},
         "limits": {"j_mu": 0.01, "j_sigma": 0.02},
@@ -119,14 +119,14 @@ def not_judged(path: str = "drives/short.log") -> dict[str, Any]:
         "reason": "below",
         "advice": "record until the engine is warm",
     }
-    return recording(path, windows=[], completed=False, not_judged=[cause], enabled_samples=0)
+    return recording(path, windows=[], not_judged=[cause], enabled_samples=0)
 
 
 def written(tmp_path: Path, *recordings: dict[str, Any], **options: Any) -> Page:
     path = tmp_path / "report.html"
     traces = options.pop("traces", [trace() for _ in recordings])
     result = {"schema": "o2mon.replay/1", "recordings": list(recordings)}
-    chosen = {"title": "Two drives", "model_info": {"kind": "narx"}} | options
+    chosen = {"model_info": {"kind": "narx"}} | options
     write_report(path, result, traces, **chosen)
     return Page(path.read_text("utf-8"))
 
@@ -238,7 +238,7 @@ def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
     bad["windows"][0]["statistics"] = {HOSTILE: HOSTILE}
     bad["dtcs"][0]["fault"] = HOSTILE
     # WHEN the report is written
-    page = written(tmp_path, bad, title=HOSTILE, model_info={HOSTILE: HOSTILE}, output=HOSTILE)
+    page = written(tmp_path, bad, model_info={HOSTILE: HOSTILE}, output=HOSTILE)
     # THEN the page has its own scripts only, and shows the name as it is
     assert len(page.of("script")) == 2
     assert not any(script.strip() == "alert(1)" for script in page.script())
@@ -276,8 +276,7 @@ def test_simulated_recordings_are_called_so(tmp_path: Path) -> None:
 
 
 def test_a_recording_without_series_or_windows_is_reported(tmp_path: Path) -> None:
-    none = np.empty(0)
-    empty = Trace(none, none, none, none.astype(bool), none.astype(bool))
+    empty = Trace.unpredicted(np.empty(0), np.empty(0))
     page = written(tmp_path, not_judged(), traces=[empty])
     (data,) = page.script(type="application/json")
     assert json.loads(data)["samples"] == 0
@@ -321,8 +320,14 @@ def test_times_that_stand_on_no_grid_are_kept_one_by_one() -> None:
     t_s = np.array([0.0, 0.1, 0.5, 0.6])
     off = np.zeros(4, dtype=bool)
     made = series(recording(), Trace(t_s, t_s, t_s, ~off, off))
-    assert made["t_s"] == t_s.tolist()
-    assert made["fault_flag"] == []
+    assert (made["t_s"], made["fault_flag"]) == (t_s.tolist(), [])
+
+
+def test_a_run_of_days_says_that_it_counts_the_latest_windows(tmp_path: Path) -> None:
+    days = faulty(windows_dropped=98)
+    assert "(the latest 2 of 100)" in "\n".join(print_recording(days))
+    page = written(tmp_path, days).text
+    assert "(the latest 2 of 100)" in page and "Latest 2 windows as a table" in page
 
 
 def test_every_fault_has_a_meaning_causes_and_a_next_step() -> None:

@@ -25,7 +25,7 @@ from monitor.bus.live.describe import ConditionWords, signal_rows
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
-from monitor.pipeline.events import Tick
+from monitor.pipeline.events import CycleStarted, Tick
 from tests.conftest import ROOT
 from tests.helpers.bus.live_player import Player, Sink, until
 
@@ -109,6 +109,20 @@ def test_a_confirmed_code_its_lamp_and_its_healing_are_shown() -> None:
     tests = {test["test"]: test["complete"] for test in healed["tests"]}
     assert tests["response"]
     assert not tests["range"]
+
+
+def test_the_limits_are_those_of_the_driving_cycle() -> None:
+    sink = Sink()
+    player = Player(server=sink)
+    monitor = player.pipeline.monitor
+    # WHEN the reference of the vehicle has learned and the next one begins THEN the page is told
+    player.feed.work(0.0)
+    monitor.adopt(replace(monitor.limits, offset_high=0.03))
+    player.feed.push(CycleStarted(5, None))
+    player.feed.work(1.0)
+    player.feed.work(2.0)
+    highs = [message.get("limits", {}).get("offset_high") for message in sink.messages]
+    assert highs == [player.setup.limits.offset_high, 0.03, None]
 
 
 def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
