@@ -31,7 +31,7 @@ def full_store() -> DtcStore:
         for fault in FAULTS[: 5 - cycle]:
             for dtc in store.fail(fault, 10**18 + cycle):
                 store.freeze(FreezeFrame(dtc.code, 10**18 + cycle, {"engine_speed_rpm": 2000.5}))
-        store.count_ignition_cycle()
+        store.counts.ignition_cycles += 1
         store.count_general_denominator()
         store.drive(60.25, 1.5)
     store.report([TestResult("response", f"lag_{i}_s", 0.1 * i, -1.0, 1.0) for i in range(6)])

@@ -1,8 +1,8 @@
 """A drive while it is driven: frames one by one."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Final, Self
 
 import can
@@ -48,9 +48,13 @@ class Monitor:
         series: bool = False,
     ) -> None:
         self.setup = set_up(model, buses, None, config)
-        self._memory = Memory(path_of(memory), hold=True) if memory else None
-        self.notes: list[str] = []  # about the fault memory
-        self.judging = Judging(self.setup, self._memory, trace=series, say=self.notes.append)
+        self._memory = held = Memory(path_of(memory), hold=True) if memory else None
+        self.notes = [held.condition.says] if held and held.condition.says else []
+        with ExitStack() as at_failure:
+            if held:
+                at_failure.callback(held.close)
+            self.judging = Judging(self.setup, held, trace=series, say=self.notes.append)
+            at_failure.pop_all()
         self._gathered: list[Frame] = []  # of the open tick
         self.skipped = 0  # error frames, remote frames, and frames of the monitor's own identifiers
 
@@ -111,11 +115,6 @@ class Monitor:
         """Return the monitor."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()

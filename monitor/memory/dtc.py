@@ -44,7 +44,6 @@ class Dtc:
 
     def fail(self, fault: str, also: tuple[str, ...], t_ns: int, confirm_cycles: int) -> "Dtc":
         """Return the code after its test has failed."""
-        first = not self.status & Status.FAILED_THIS_CYCLE
         status = self.status & ~FRESH | Status.TEST_FAILED | Status.FAILED_THIS_CYCLE
         status |= Status.PENDING | Status.FAILED_SINCE_CLEAR
         if self.failed_cycles + 1 >= confirm_cycles:
@@ -54,7 +53,7 @@ class Dtc:
             fault=fault,
             also=also,
             status=status,
-            t_ns=t_ns if first else self.t_ns,
+            t_ns=self.t_ns if self.has_failed else t_ns,
             passed_cycles=0,
             warm_ups=0,
         )
@@ -71,12 +70,11 @@ class Dtc:
     def next_cycle(self, profile: ProfileConfig) -> "Dtc":
         """Return the code at the start of the next driving cycle."""
         completed = not self.status & Status.NOT_COMPLETED_THIS_CYCLE
-        failed = bool(self.status & Status.FAILED_THIS_CYCLE)
         status = self.status & ~Status.FAILED_THIS_CYCLE & ~Status.TEST_FAILED
         status |= Status.NOT_COMPLETED_THIS_CYCLE
         passed_cycles = self.passed_cycles
-        failed_cycles = self.failed_cycles + failed
-        if completed and not failed:
+        failed_cycles = self.failed_cycles + self.has_failed
+        if completed and not self.has_failed:
             passed_cycles += 1
             failed_cycles = 0
             status &= ~Status.PENDING
@@ -89,6 +87,11 @@ class Dtc:
         return replace(
             self, status=status, t_ns=0, failed_cycles=failed_cycles, passed_cycles=passed_cycles
         )
+
+    @property
+    def has_failed(self) -> bool:
+        """Return whether the test has failed in this driving cycle."""
+        return bool(self.status & Status.FAILED_THIS_CYCLE)
 
     @property
     def state(self) -> Literal["pending", "confirmed"] | None:

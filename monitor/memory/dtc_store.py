@@ -209,10 +209,6 @@ class DtcStore:
         failing = {TEST_OF.get(d.fault) for d in self._dtcs.values() if d.state}
         return test not in CONTINUOUS and not failing.isdisjoint(CONTINUOUS)
 
-    def count_ignition_cycle(self) -> None:
-        """Count an engine start."""
-        self.counts.ignition_cycles += 1
-
     def count_warm_up(self) -> None:
         """Count a warm-up cycle."""
         self.counts.warm_ups_since_clear += 1
@@ -288,7 +284,7 @@ class DtcStore:
 
     def completed_this_cycle(self, test: str) -> bool:
         """Return whether a test has passed or failed in this cycle, and since a clearing."""
-        failed = {dtc.fault for dtc in self.all if dtc.status & Status.FAILED_THIS_CYCLE}
+        failed = {dtc.fault for dtc in self.all if dtc.has_failed}
         return test in self._passed or not failed.isdisjoint(TESTS[test])
 
     @property

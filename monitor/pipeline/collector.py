@@ -118,8 +118,7 @@ class Collector:
             _left_s(evidence),
             judges_cuts=self._n_cuts > 0,
         )
-        is_faulty = monitor.store.fault_flag
-        why = [] if is_faulty else causes(seen, self._asked, judgement)
+        why = [] if monitor.store.fault_flag else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()
         trust = monitor.limits.trust.entry(facts.response.explained)
         return {

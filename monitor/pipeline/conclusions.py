@@ -123,7 +123,7 @@ class Conclusions:
                 yield from self._judge_memory(t_ns)
                 return
             case "ignition_cycle":
-                store.count_ignition_cycle()
+                store.counts.ignition_cycles += 1
             case "warm_up":
                 store.count_warm_up()
             case "general_denominator":

@@ -71,7 +71,7 @@ def dtc_entry(dtc: Dtc, t0_ns: int, probability: float) -> dict[str, Any]:
         "fault": dtc.fault,
         "status": int(dtc.status),
         "state": dtc.state,
-        "t_s": seconds(dtc.t_ns, t0_ns) if dtc.t_ns else None,
+        "t_s": seconds(dtc.t_ns, t0_ns) if dtc.has_failed else None,
         "probability": round(probability, 4),
     }
     if dtc.also:

@@ -57,6 +57,8 @@ def judge(
     causes: list[Cause] = []
     catalyst: dict[str, Any] = {}
     judged = []
+    begin_ns = int(table.t_ns[0])
+    store.judge_memory(begin_ns)
     if {OUTPUT, ENGINE} <= set(table.names):
         _judge_reading(table, store, config)
         advice = str(lacking).removeprefix(f"{table.path}: ")
@@ -66,7 +68,6 @@ def judge(
         catalyst, why = judge_behind(table, store, config)
         causes += why
         judged.append("the catalyst")
-    begin_ns = int(table.t_ns[0])
     return {
         "samples": len(table.t_ns),
         "enabled_samples": 0,

@@ -44,7 +44,7 @@ def drive(store: DtcStore, seed: int) -> Iterator[str]:
         else:
             store.count_warm_up()
             store.count_general_denominator()
-            store.count_ignition_cycle()
+            store.counts.ignition_cycles += 1
             store.drive(600.0, 10.0)
             store.start_driving_cycle()
             yield "cycle"

@@ -8,7 +8,7 @@ from monitor.bus.diagnostics.parameters import encoded, unsigned
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, EXTENDED_SESSION, RefusedError, State
 from monitor.bus.transmit import dtc_number
 from monitor.memory.codes import tests_of
-from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc import Dtc
 
 SUBFUNCTION_NOT_SUPPORTED: Final = 0x12
 WRONG_LENGTH: Final = 0x13
@@ -72,9 +72,8 @@ def _extended_records(dtc: Dtc, state: State) -> dict[int, bytes]:
     ratios = [r for r in state.store.ratios if r.test in names]
     ratio = min(ratios, key=lambda r: (r.numerator, r.test), default=None)
     counters = (ratio.numerator, ratio.denominator) if ratio else (0, 0)
-    failed_now = bool(dtc.status & Status.FAILED_THIS_CYCLE)
     return {
-        0x01: unsigned(dtc.failed_cycles + failed_now, 1),
+        0x01: unsigned(dtc.failed_cycles + dtc.has_failed, 1),
         0x02: unsigned(dtc.passed_cycles, 1),
         0x03: unsigned(dtc.warm_ups, 1),
         0x04: bytes((dtc.code in state.store.permanent,)),

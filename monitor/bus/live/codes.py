@@ -55,7 +55,7 @@ def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
         "state": dtc.state,
         "status": int(dtc.status),
         "bits": [str(bit.name).lower().replace("_", " ") for bit in dtc.status],
-        "t_ns": str(dtc.t_ns) if dtc.t_ns else None,
+        "t_ns": str(dtc.t_ns) if dtc.has_failed else None,
         "frame": frame
         and {
             "t_ns": str(frame.t_ns),

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import dbc
 import monitor
 from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, replay
 from monitor.cli import main
@@ -182,6 +183,17 @@ def test_a_notifier_feeds_the_listener_and_closes_its_memory(tmp_path: Path) -> 
     verdict = replay(LATE, memory=memory)  # nobody holds it any more
     assert verdict.entry["memory"]["state"] == "ok"
     assert verdict.has_fault
+
+
+def test_a_monitor_that_cannot_be_made_holds_no_memory_and_one_that_can_tells_of_damage(
+    tmp_path: Path,
+) -> None:
+    memory = tmp_path / "o2.db"
+    memory.write_bytes(b"o2mon torn")
+    with pytest.raises(O2Error, match="the model needs air_mass_mg"):
+        Monitor(buses=[(dbc.path("wideband.dbc"), dbc.path("wideband.toml"))], memory=memory)
+    with Monitor(memory=memory) as live:
+        assert "begin anew" in live.notes[0]
 
 
 def test_a_result_says_what_is_in_it_on_a_line_and_in_a_notebook() -> None:

@@ -8,13 +8,15 @@ from pathlib import Path
 import pytest
 
 from benchmarks.damage.fuzz_memory import content, contents, damaged, memories, outcome, put
+from monitor.base.config import shipped
 from monitor.base.errors import RecordingError
 from monitor.cli import main
 from monitor.memory.block import Block
 from monitor.memory.dtc import Dtc
-from monitor.memory.dtc_store import Saved
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.reference import Reference
 from monitor.memory.store import Memory
+from monitor.pipeline.entry import dtc_entry
 from tests.helpers.logs.replays import replay_log, replays
 
 Files = dict[str, bytes]
@@ -138,6 +140,12 @@ def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
         code, (recording,) = replays(healthy, "--memory", path)
         assert (code, recording["memory"]["state"]) == (0, "ok")
         assert [d["code"] for d in recording["dtcs"]] == codes
+
+
+def test_a_code_set_at_time_zero_is_one_of_this_drive() -> None:
+    (lost,) = DtcStore().fail("memory_lost", 0)
+    assert dtc_entry(lost, 0, 1.0)["t_s"] == 0.0
+    assert dtc_entry(lost.next_cycle(shipped().profile), 0, 1.0)["t_s"] is None
 
 
 def test_dtc_says_what_happened_to_a_damaged_memory(

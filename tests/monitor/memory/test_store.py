@@ -3,9 +3,11 @@
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -23,43 +25,27 @@ from monitor.memory.reference import Reference, Seen
 from monitor.memory.store import Memory
 from tests.helpers.examples import inputs
 
-KNOWN = sorted({code for group in CODES.values() for code in group})
-numbers = st.integers(0, 2**62)
-names = st.sampled_from(["", *CODES])
+codes = st.sampled_from(sorted({code for group in CODES.values() for code in group}))
+faults, tests = st.sampled_from(["", *CODES]), st.sampled_from(sorted(TESTS))
+numbers, counters = st.integers(0, 2**62), st.integers(0, 40)
 quantities = st.floats(allow_nan=False, allow_infinity=False)
-dtcs = st.builds(
-    Dtc,
-    st.sampled_from(KNOWN),
-    names,
-    st.lists(st.sampled_from(sorted(CODES)), max_size=3, unique=True).map(tuple),
-    st.integers(0, 255).map(Status),
-    numbers,
-    st.integers(0, 10),
-    st.integers(0, 40),
-    st.integers(0, 40),
-)
-frames = st.builds(
-    obd_records.FreezeFrame,
-    st.sampled_from(KNOWN),
-    numbers,
-    st.dictionaries(st.text(), quantities, max_size=4),
-)
-tests = st.sampled_from(sorted(TESTS))
+also, status = st.lists(faults, max_size=3).map(tuple), st.integers(0, 255).map(Status)
+values = st.dictionaries(st.text(), quantities, max_size=4)
+
+
+def several(kind: Any, key: Callable[[Any], object], *parts: Any) -> st.SearchStrategy[Any]:
+    return st.lists(st.builds(kind, *parts), max_size=5, unique_by=key).map(tuple)
+
+
 saved_stores = st.builds(
     Saved,
-    st.lists(dtcs, max_size=10, unique_by=lambda dtc: dtc.code).map(tuple),
-    st.lists(frames, max_size=4, unique_by=lambda frame: frame.code).map(tuple),
-    st.dictionaries(st.sampled_from(KNOWN), names, max_size=4),
-    st.lists(
-        st.builds(obd_records.TestResult, tests, st.text(), quantities, quantities, quantities),
-        max_size=5,
-        unique_by=lambda r: (r.test, r.quantity),
-    ).map(tuple),
-    st.lists(
-        st.builds(obd_records.Ratio, tests, numbers, numbers),
-        max_size=5,
-        unique_by=lambda r: r.test,
-    ).map(tuple),
+    several(Dtc, lambda dtc: dtc.code, codes, faults, also, status, numbers, *3 * [counters]),
+    several(obd_records.FreezeFrame, lambda frame: frame.code, codes, numbers, values),
+    st.dictionaries(codes, faults, max_size=4),
+    several(
+        obd_records.TestResult, lambda r: (r.test, r.quantity), tests, st.text(), *3 * [quantities]
+    ),
+    several(obd_records.Ratio, lambda ratio: ratio.test, tests, numbers, numbers),
     st.builds(obd_records.Counts, *3 * [numbers], *4 * [quantities]),
     st.frozensets(tests),
 )
