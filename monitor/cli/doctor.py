@@ -1,5 +1,6 @@
 """``o2mon doctor``: say what is wrong with a bus or a sensor, and what to do about it."""
 
+import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,6 +59,11 @@ class DoctorOptions(SetupOptions, ColumnNames):
     bus: Bus
     seconds: Seconds = 5.0
     scan: bool = False
+
+
+def also_written(args: argparse.Namespace) -> list[Path]:
+    """Return the page beside the files that the steps write and check themselves."""
+    return [args.out / "report.html"] if args.log else []
 
 
 def run(args: DoctorOptions) -> int:

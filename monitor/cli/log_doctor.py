@@ -39,8 +39,9 @@ def diagnosed(args: "DoctorOptions") -> int:
     elif model is None:
         say("no --healthy logs, no --model: the shipped model judges, or electrical tests alone")
     of_model: Words = ["--model", model] if model else []
+    settings: Words = ["--config", args.config] if args.config else []
     for log in args.log:
-        steps |= _step("o2mon", "check", log, *of_model, *reading)
+        steps |= _step("o2mon", "check", log, *of_model, *reading, *settings)
     setup = set_up(replace(args, model=model), args.columns)
     judged = [replay(log, setup, trace=True) for log in args.log]
     words = [*(args.healthy or args.log), "--out", args.out / "tables", *reading]

@@ -31,7 +31,7 @@ def memory(tmp_path: Path) -> Path:
     store.complete("range")
     store.report([obd_records.TestResult("response", "gain", 0.5, 0.76, 1.3)])
     store.report([obd_records.TestResult("bias", "offset", 1.703e-12, -0.065, 0.065)])
-    store.count_ignition_cycle()
+    store.counts.ignition_cycles += 1
     store.count_judged("response")
     store.count_general_denominator()
     store.drive(7200.0, 120.0)

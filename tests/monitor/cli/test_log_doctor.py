@@ -52,12 +52,19 @@ def no_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_training_a_model_judges_and_no_table_is_made(
     tmp_path: Path, capfd: Output
 ) -> None:
+    (tmp_path / "my.toml").write_text("[enable]\nengine_speed_max_rpm = 4000.0\n")
     call = ["doctor", str(LATE), "--channel", "1", "--model", str(SHIPPED)]
-    assert main([*call, "--out", str(tmp_path / "out")]) == 1
+    call += ["--config", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]
+    assert main(call) == 1
     said = capfd.readouterr().out
-    assert said.count("--channel 1\n  ") == 2 and "  o2train: torch is not installed" in said
+    assert f"--channel 1 --config {tmp_path}/my.toml\n" in said
+    assert said.count("--channel 1") == 2 and "  o2train: torch is not installed" in said
     assert "FAULT: P015A delay_symmetric" in said
-    assert "torch is not installed" in (tmp_path / "out" / "report.html").read_text()
+    page = tmp_path / "out" / "report.html"
+    assert "torch is not installed" in page.read_text()
+    page.write_text("my own page")
+    assert main(call) == 2
+    assert "report.html: is there already; --force" in capfd.readouterr().err
 
 
 @pytest.mark.usefixtures("no_training")
