@@ -32,7 +32,7 @@ from monitor.pipeline import replay
 from training.dyno import ecu
 from training.dyno.downstream import fault_behind
 from training.dyno.simulation import Experiment, simulate
-from training.recordings.files.can_log import write_log
+from training.recordings.files.can_log import merge, write_log
 
 CYCLES: Final = ("wltc_3b", "udds", "us06", "micro_trips")
 FAULTS: Final = {
@@ -127,17 +127,11 @@ BEHIND_TABLES: Final[dict[str, Callable[[Logged], Logged]]] = {
 }
 
 
-def some(f: FrameBlock, kept: IntArray, t_ns: IntArray | None = None) -> FrameBlock:
-    t_ns = f.t_ns if t_ns is None else t_ns
-    order = kept[np.argsort(t_ns[kept], kind="stable")]
-    return chosen(f._replace(t_ns=t_ns), order)
-
-
 def paused(f: FrameBlock, pauses: Sequence[tuple[float, float]]) -> FrameBlock:
     t_s, kept = (f.t_ns - f.t_ns[0]) / 1e9, np.ones(len(f.t_ns), dtype=bool)
     for begin_s, length_s in pauses:
         kept &= (t_s < begin_s) | (t_s >= begin_s + length_s)
-    return some(f, np.flatnonzero(kept))
+    return chosen(f, np.flatnonzero(kept))
 
 
 def each_minute(length_s: float) -> list[tuple[float, float]]:
@@ -150,7 +144,7 @@ def changed_only(f: FrameBlock) -> FrameBlock:
         own = np.flatnonzero(f.key == key)
         moved = (np.diff(f.data[own].astype(int), axis=0) != 0).any(axis=1)
         kept.append(own[np.concatenate([[True], moved])])
-    return some(f, np.sort(np.concatenate(kept)))
+    return chosen(f, np.sort(np.concatenate(kept)))
 
 
 def batched(f: FrameBlock, ends_s: FloatArray) -> FrameBlock:
@@ -170,7 +164,7 @@ def chance(f: FrameBlock, share: float) -> IntArray:
 
 def jittered(f: FrameBlock, std_s: float) -> FrameBlock:
     moved = np.random.default_rng(55).normal(0.0, std_s * 1e9, len(f.t_ns)).astype(np.int64)
-    return some(f, np.arange(len(f.t_ns)), f.t_ns + moved)
+    return merge([f._replace(t_ns=f.t_ns + moved)])
 
 
 def stepped(f: FrameBlock, step_s: float) -> FrameBlock:
@@ -186,11 +180,11 @@ FRAMES: Final[dict[str, Callable[[FrameBlock], FrameBlock]]] = {
     "3 s lost each minute": lambda f: paused(f, each_minute(3.0)),
     "10 s lost each minute": lambda f: paused(f, each_minute(10.0)),
     "only frames whose payload changed": changed_only,
-    "each fifth frame kept": lambda f: some(f, np.arange(0, len(f.t_ns), 5)),
+    "each fifth frame kept": lambda f: chosen(f, np.arange(0, len(f.t_ns), 5)),
     "batches of up to 300 ms": lambda f: batched(f, random_ends()),
     "batches each 500 ms": lambda f: batched(f, np.arange(1, 1300) * 0.5),
-    "2 % lost": lambda f: some(f, np.setdiff1d(np.arange(len(f.t_ns)), chance(f, 0.02))),
-    "2 % sent twice": lambda f: some(f, np.sort(np.r_[np.arange(len(f.t_ns)), chance(f, 0.02)])),
+    "2 % lost": lambda f: chosen(f, np.setdiff1d(np.arange(len(f.t_ns)), chance(f, 0.02))),
+    "2 % sent twice": lambda f: chosen(f, np.sort(np.r_[np.arange(len(f.t_ns)), chance(f, 0.02)])),
     "times jittered by 10 ms": lambda f: jittered(f, 0.01),
     "the clock steps by 1 h": lambda f: stepped(f, 3600.0),
     "the clock steps back by 2 s": lambda f: stepped(f, -2.0),

@@ -30,7 +30,7 @@ def run(
     """Set the decision limits of a model and write them into its model file.
 
     The limits come from healthy recordings. With them every recording is judged; recordings with a
-    faulty sensor show what is found, and choose the paper's two limits.
+    faulty sensor show what is found.
 
     model : model file to calibrate
     healthy : healthy recordings that the model was not trained on

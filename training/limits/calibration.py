@@ -13,10 +13,9 @@ from monitor.judge.bias import paper_failed
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.limits.decision_limits import above_most, with_limits
+from training.limits.decision_limits import with_limits
 from training.limits.evaluation import false_alarms
 from training.limits.judging import judge_recordings, why_not
-from training.limits.paper_limits import Residuals, paper_limits
 from training.limits.rates import rate
 from training.limits.side_by_side import Judged
 from training.limits.trust import trust_of
@@ -35,7 +34,7 @@ def calibrate(
     The function writes no file.
 
     path : model file
-    faulty : recordings with a sensor fault, which choose the paper's limits; may be empty
+    faulty : recordings with a sensor fault; may be empty
     Raises RecordingError if there are fewer than 10 healthy windows, UsageError for a recording
     whose manifest contradicts its role, ConfigError if model and configuration differ in the window
     length.
@@ -50,7 +49,6 @@ def calibrate(
         [*zip(drives, judge_recordings(drives, model, limits, config), strict=True)]
         for drives in (healthy, faulty)
     )
-    card = _with_paper_limits(card, good, bad)
     rows, found = ([_row(*drive, card) for drive in drives] for drives in (good, bad))
     before = model.card.limits
     return card, {
@@ -88,24 +86,6 @@ def _entry(recording: Recording) -> dict[str, Any]:
     """Return the manifest entry of a recording, {} without an entry for this file content."""
     entry = manifest.load(Path(recording.path).parent).get(Path(recording.path).name, {})
     return entry if entry.get("sha256") == recording.sha256 else {}
-
-
-def _residuals(drives: Drives) -> Residuals:
-    return [(window.mean, window.std) for _, judged in drives for window in judged.windows]
-
-
-def _with_paper_limits(card: ModelCard, good: Drives, bad: Drives) -> ModelCard:
-    """Return the card with the pair of limits that finds most faulty windows, if there are any."""
-    healthy, faulty = _residuals(good), _residuals(bad)
-    if not faulty:
-        return card
-    pair = paper_limits(healthy, faulty, above_most)
-    how = f"; the pair misses the fewest of {len(faulty)} faulty windows"
-    changed = {
-        name: replace(card.limits[name], value=value, origin=card.limits[name].origin + how)
-        for name, value in zip(("j_mu", "j_sigma"), pair, strict=True)
-    }
-    return replace(card, limits={**card.limits, **changed})
 
 
 def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any]:

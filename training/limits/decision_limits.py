@@ -59,8 +59,8 @@ def limits_of(
     quantile, unit = f"quantile {PAPER_QUANTILE}, {where}", card.output.unit
     phi = "-" if card.transform == "phi" else unit
     return {
-        "j_mu": Limit(above_most(np.array([abs(w.mean) for w in windows])), unit, quantile),
-        "j_sigma": Limit(above_most(np.array([w.std for w in windows])), unit, quantile),
+        "j_mu": Limit(_above_most(np.array([abs(w.mean) for w in windows])), unit, quantile),
+        "j_sigma": Limit(_above_most(np.array([w.std for w in windows])), unit, quantile),
         "noise": Limit(noise, phi, f"residual within windows, median drive of {where}"),
         "noise_memory": Limit(
             memory, "-", f"correlation of the residual's neighbouring samples, {where}"
@@ -126,7 +126,7 @@ def _noise(drives: Sequence[Sequence[WindowJudged]], transform: str) -> tuple[fl
     return float(std), min(max(float(memory), 0.0), MEMORY_MOST)
 
 
-def above_most(values: FloatArray) -> float:
+def _above_most(values: FloatArray) -> float:
     """Return a limit that one in a hundred of the values exceeds."""
     return float(np.quantile(values, PAPER_QUANTILE))
 

@@ -1,14 +1,15 @@
 """The rule of the paper as a baseline."""
 
 from dataclasses import astuple, dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
 from benchmarks.studies.rules.windows import Windows, limit_for
 from monitor.base.types import BoolArray
 from monitor.judge.bias import paper_failed
-from training.limits.paper_limits import paper_limits
+
+RATIOS: Final = tuple(2.0**power for power in range(-4, 5))  # of both limits, in faulty medians
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +24,14 @@ class PaperRule:
 
     @classmethod
     def fit(cls, healthy: Windows, faulty: Windows, false_alarm_rate: float) -> Self:
-        """Return the rule that keeps the rate and misses the fewest faulty windows."""
-        of = _residuals(healthy), _residuals(faulty)
-        return cls(*paper_limits(*of, lambda scores: limit_for(scores, false_alarm_rate)))
+        """Return the pair, of one for each of ``RATIOS``, that misses the fewest faulty windows."""
+        good, bad = (np.abs(_residuals(each)) for each in (healthy, faulty))
+        rules = []
+        for ratio in RATIOS:
+            unit = np.maximum(np.median(bad, axis=0), 1e-12) * (ratio, 1.0)
+            level = limit_for((good / unit).min(axis=1), false_alarm_rate)
+            rules.append(cls(*(level * unit).tolist()))
+        return max(rules, key=lambda rule: rule.faulty(faulty).sum())
 
     def faulty(self, windows: Windows) -> BoolArray:
         """Return the verdict on each window, (n,)."""

@@ -170,24 +170,13 @@ def test_the_page_calls_simulated_drives_simulated(drives: Path, calibrated: Pat
     assert f"gain_weak_max = {weak['gain_weak_max']:g}" in text and "simulated car" in text
 
 
-def test_faulty_drives_choose_the_limits_of_the_papers_rule_alone(
-    drives: Path, calibrated: Path
-) -> None:
+def test_faulty_drives_change_no_limit(drives: Path, calibrated: Path) -> None:
     paths = healthy(drives)[:3]
     recordings = [load(path, period_s=0.1) for path in paths]
     card, result = calibrate(drives / "model.onnx", recordings, [], config.load())
-    chosen = Model.load(calibrated).card.limits
-    assert {n for n in chosen if chosen[n] != card.limits[n]} == {"j_mu", "j_sigma"}
+    assert Model.load(calibrated).card.limits == card.limits
     assert result["found"]["rate"] is None
     assert any("3 healthy drives with windows" in text for text in result["warnings"])
-    # THEN the pair finds most faulty windows, with as many false alarms as one in a hundred
-    told = json.loads((drives / "figures.json").read_text())
-    shares = {
-        kind: sum(r["paper_failed"] for r in told[kind]) / sum(r["windows"] for r in told[kind])
-        for kind in ("healthy", "faulty")
-    }
-    assert shares["healthy"] <= 0.02
-    assert shares["faulty"] > 0.8
 
 
 def test_a_drive_that_the_model_was_trained_on_is_told(drives: Path) -> None:
