@@ -1,8 +1,7 @@
 """The healthy behaviour as a part of the model card: the workflow then needs no healthy drives.
 
-It stands under ``reference["gap"]`` and is as good as the columns that it weighs. They are compared
-by name and by their size on a drive made of formulas, so that a card written by code with other
-columns is told.
+It stands under ``reference["gap"]`` and is as good as the columns that it weighs. A card of another
+schema, or with columns that this code does not make, is told.
 """
 
 import json
@@ -16,17 +15,17 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.files.outputs import write_text
+from monitor.base.signals import OWN
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.greybox.chain import STOICHIOMETRIC, Constants
+from training.greybox.chain import Constants
 from training.greybox.charge import ChargeError
 from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
-from training.greybox.fit.drive import ChainDrive, make
+from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.ridge import Ridge
 from training.healthy.behaviour import Healthy, columns
-from training.healthy.config import CONFIG
 from training.healthy.operating_points import Visited
 from training.narx.export import update_card
 from training.recordings.recording import Recording
@@ -35,8 +34,6 @@ KEY: Final = "gap"
 SCHEMA: Final = "o2train.gap_reference/2"
 DIGITS: Final = 7
 EXACT: Final = 17
-PROBE_DIGITS: Final = 4
-PROBE_SAMPLES, PROBE_PERIOD_S = 1200, 0.1
 
 
 def kept(path: Path | None, learn: Callable[[], Healthy]) -> Healthy:
@@ -68,7 +65,6 @@ def to_card(
     def constants(values: Constants) -> dict[str, float]:
         return {name: rounded(value) for name, value in values._asdict().items()}
 
-    sizes = _sizes()
     return {
         "schema": SCHEMA,
         "recordings": [recording.path.name for recording in recordings],
@@ -76,7 +72,6 @@ def to_card(
         "plain": constants(known.plain),
         "own": {each.name: listed(each.values) for each in known.own},
         "columns": list(known.names),
-        "size": [_rounded(sizes[name], PROBE_DIGITS) for name in known.names],
         "weight": listed(known.ridge.weights),
         "low": listed(known.ridge.low),
         "high": listed(known.ridge.high),
@@ -110,8 +105,7 @@ def from_card(card: ModelCard) -> tuple[Healthy | None, str | None]:
     if schema != SCHEMA:
         return None, _unused(f"it has schema {schema!r}, wanted {SCHEMA!r}")
     try:
-        strange = _strange(stored)
-        if strange:
+        if strange := [name for name in stored["columns"] if name not in _made()]:
             return None, _unused(f"it weighs columns of other code: {', '.join(strange[:3])}")
         return _known(stored), None
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -140,17 +134,6 @@ def known_of(card: ModelCard) -> tuple[Healthy | None, list[str]]:
 
 def _unused(why: str) -> str:
     return f"the healthy reference in the model's card is not used, {why}: fit the model anew"
-
-
-def _strange(stored: Mapping[str, Any]) -> list[str]:
-    """Return the columns that this code does not make, or makes otherwise."""
-    sizes = _sizes()
-    pairs = zip(stored["columns"], stored["size"], strict=True)
-    return [
-        n
-        for n, size in pairs
-        if not np.isclose(sizes.get(n, np.nan), size, rtol=CONFIG.column_size_tolerance)
-    ]
 
 
 def _known(stored: Mapping[str, Any]) -> Healthy:
@@ -212,30 +195,9 @@ def _bools(bits: str) -> BoolArray:
 
 
 @cache
-def _sizes() -> Mapping[str, float]:
-    """Return the RMS on the probe of every column that this code can make."""
-    made = columns(_probe(), Constants())
-    return {name: float(np.sqrt(np.mean(values**2))) for name, values in made.items()}
-
-
-def _probe() -> ChainDrive:
-    """Return a drive made of formulas that has every signal and moves every column."""
-    t_s = np.arange(PROBE_SAMPLES) * PROBE_PERIOD_S
-    rpm = 2000.0 + 1200.0 * np.sin(t_s / 7.0)
-    load = 0.5 + 0.4 * np.sin(t_s / 2.3)
-    air = 90.0 + 550.0 * load
-    phi = 1.0 + 0.05 * np.sin(2.1 * t_s) + 0.03 * np.sin(0.9 * t_s)
-    signals = {
-        "air_mass_mg": air,
-        "fuel_mass_mg": np.where(np.sin(t_s / 6.0) > 0.95, 0.0, air / STOICHIOMETRIC * phi),
-        "engine_speed_rpm": rpm,
-        "maf_kg_h": air * rpm * 1.2e-4,
-        "rail_pressure_mpa": 6.0 + 8.0 * load,
-        "manifold_pressure_kpa": 25.0 + 110.0 * load,
-        "manifold_temperature_degc": 30.0 + 15.0 * np.sin(t_s / 30.0),
-        "coolant_temperature_degc": np.minimum(-5.0 + 0.9 * t_s, 92.0),
-        "ambient_pressure_kpa": 97.0 + np.sin(t_s / 40.0),
-        "purge_duty_percent": np.where(np.sin(t_s / 5.0) > 0.0, 50.0, 0.0),
-        "lambda_controller": 1.0 + 0.02 * np.sin(1.3 * t_s),
-    }
-    return make("probe", PROBE_PERIOD_S, signals, 1.0 / phi)
+def _made() -> frozenset[str]:
+    """Return the names of all columns that this code can make, of a drive with every signal."""
+    one = np.ones(2)
+    signals = {signal.name: one for signal in OWN}
+    drive = ChainDrive(name="", period_s=1.0, signals=signals, phi_measured=one, scored=one > 0.0)
+    return frozenset(columns(drive, Constants()))

@@ -14,7 +14,6 @@ class HealthyConfig:
     visited_min_s: float
     unvisited_max: float
     unvisited_reason_min: float
-    column_size_tolerance: float
     column_size_min: float
     correction_penalties: tuple[float, ...]
     coolant_step_phi: float

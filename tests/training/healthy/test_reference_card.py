@@ -239,7 +239,6 @@ def test_a_network_has_the_reference_of_the_chain_and_keeps_it(tmp_path: Path) -
     [
         ({"schema": "o2train.gap_reference/0"}, "has schema 'o2train.gap_reference/0'"),
         ({"columns": "renamed"}, "columns of other code: tyre pressure"),
-        ({"size": "doubled"}, "columns of other code: map 00"),
         ({"weight": [1.0]}, "cannot be read"),
         ({"base": {"gain": 1.0}}, "cannot be read"),
         ({"visited": {"cells": ["01"], "coolants": "0111"}}, "cannot be read"),
@@ -251,8 +250,6 @@ def test_a_reference_of_other_code_is_left_out_with_a_warning(
     stored = to_card(known(), recordings(2_310_000, HEALTHY))
     if "columns" in broken:
         broken = {"columns": ["tyre pressure", *stored["columns"][1:]]}
-    if "size" in broken:
-        broken = {"size": [2.0 * size for size in stored["size"]]}
     card = with_reference(stored | broken)
     assert from_card(with_reference(stored))[1] is None
     read, why = from_card(card)
