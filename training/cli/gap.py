@@ -57,7 +57,7 @@ class GapCommand(GridOptions):
     steps : highest number of effects to add, one after the other: 1 to 3
     sensor_known_good : the sensor was checked: try and suspect no sensor fault
     add : effects to add although they may be faults, such as exhaust_leak: the vehicle was checked
-    library : list the effects with constants, bounds and sources, those of plug-ins too, and exit
+    library : list the effects with constants, bounds and sources, and exit
     out : folder for report.html, gap.json and model.onnx
     """
 
@@ -124,13 +124,11 @@ def _period_s(model: Path) -> float:
 
 def _vehicle(material: "Material") -> dict[str, Any]:
     """Return digests of model, code and healthy recordings; equal ones give equal behaviour."""
-    from training.greybox.effects import origins
     from training.jobs.run_folder import code_sha256
     from training.recordings.recording import sha256
 
     return {
         "model": sha256(material.model),
-        "plugins": origins(),
         "code": code_sha256(),
         "healthy": [(r.path.name, r.read_sha256) for r in material.healthy],
     }

@@ -177,7 +177,7 @@ def all_cells(raw: RawTable, wanted: Sequence[Wanted], notes: Notes) -> FloatArr
         blocks = list(raw.read(wanted, notes))
     except RecordingError:
         raise
-    except Exception as error:  # plug-ins' readers have no common base for their errors
+    except Exception as error:  # a damaged file fails in many ways
         raise RecordingError(f"{raw.path}: cannot read it: {reason(error)}") from error
     if not blocks:
         raise RecordingError(f"{raw.path}: the log has no rows")

@@ -1,6 +1,5 @@
 """The example plug-ins, installed as a user installs them, and what they do in the monitor."""
 
-import os
 import re
 import subprocess
 import sys
@@ -11,9 +10,7 @@ import numpy as np
 import pytest
 
 from monitor import cli
-from monitor.base.errors import ConfigError, RecordingError
-from monitor.frames.tables import readers
-from monitor.grid.tables import read_table
+from monitor.base.errors import ConfigError
 from monitor.judge.decision import plugins as rules
 from monitor.judge.window import Opinion
 from monitor.memory import codes
@@ -44,12 +41,9 @@ def installed(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.syspath_prepend(site)
     tables = codes.CODES, codes.TESTS, codes.TEST_OF
     before = [dict(table) for table in tables]
-    caches = readers.plugins, rules._load
-    for cache in caches:
-        cache.cache_clear()
+    rules._load.cache_clear()
     yield
-    for cache in caches:
-        cache.cache_clear()
+    rules._load.cache_clear()
     for table, content in zip(tables, before, strict=True):
         table.clear()
         table.update(content)
@@ -58,19 +52,6 @@ def installed(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.parametrize("path", sorted(PLUGINS.glob("*.py")), ids=lambda path: path.stem)
 def test_an_example_has_thirty_lines_at_most(path: Path) -> None:
     assert len(path.read_text().splitlines()) <= 30
-
-
-@pytest.mark.usefixtures("installed")
-def test_a_reader_opens_files_of_its_suffix(tmp_path: Path) -> None:
-    path = tmp_path / "drive.pipes"
-    path.write_text("Time (msec)|Engine Speed (rpm)\n0|1000\n100|1010\n200|1020\n")
-    table = read_table(path)
-    assert table.profile == "romraider"
-    assert table.values[:, 0].tolist() == [1000.0, 1010.0, 1020.0]
-    # and what the reader raises is told in one line
-    path.write_text("Time (msec)|Engine Speed (rpm)\n0|x\n")
-    with pytest.raises(RecordingError, match=r"reader o2_\w+:\w+ fails: could not"):
-        read_table(path)
 
 
 @pytest.mark.usefixtures("installed")
@@ -201,36 +182,3 @@ def test_a_rule_that_cannot_be_used_is_named(
         monkeypatch.delitem(sys.modules, "own_rules", raising=False)
     with pytest.raises(ConfigError, match=rf"\[rules\] {name}: .*{said}"):
         rules.loaded([name])
-
-
-OWN_EFFECT = """
-import numpy as np
-from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
-from tests.training.greybox import test_effect_forms as forms
-from training import cli
-from training.greybox.effects import LIBRARY
-from training.greybox.chain import Constants, base_path
-
-effect = LIBRARY["fuel_density"]
-signals = plain_signals()
-signals["coolant_temperature_degc"] = np.full(len(signals["fuel_mass_mg"]), 90.0)
-path = base_path(Constants(), signals)
-thinner = effect.apply(path, np.array([0.001]), signals, PERIOD_S)
-np.testing.assert_allclose(thinner.fuel_mg, 0.99 * path.fuel_mg)
-forms.test_the_arrays_and_the_graph_of_an_effect_agree(effect)
-cli.main(["gap", "--library"])
-"""
-
-
-def test_an_effect_joins_the_library_of_the_gap_workflow(site: Path) -> None:
-    # WHEN a plug-in that brings an effect is installed
-    paths = os.pathsep.join((str(site), str(ROOT)))
-    call = [sys.executable, "-c", OWN_EFFECT]
-    ran = subprocess.run(
-        call, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False
-    )
-    # THEN arrays and graph of the effect agree, and the command lists it with its source
-    assert ran.returncode == 0, ran.stderr
-    listed = ran.stdout.split("fuel_density (physics, from o2-monitor-plugin-examples 1)")[1]
-    assert "expansion -0.002 to 0.004 1/K" in listed
-    assert "source: volume expansion of petrol" in listed

@@ -1,4 +1,4 @@
-"""The logs of tuning tools through ``o2mon``: check, replay, profiles, Parquet, plug-ins."""
+"""The logs of tuning tools through ``o2mon``: check, replay, profiles, Parquet."""
 
 import json
 import sys

@@ -1,16 +1,13 @@
 """The library of effects: each changes the mixture's way as its physics says, and nothing else."""
 
-from importlib.metadata import EntryPoint
-from pathlib import Path as FilePath
-
 import numpy as np
 import pytest
 
-from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
+from training.cli import main
 from training.greybox.chain import Constants, Path, base_path, simulate
-from training.greybox.effects import GROUP, LIBRARY, Effect, _loaded
+from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.air import following
 
 BASE = Constants()
@@ -169,10 +166,10 @@ def test_pressure_behind_the_engine_raises_the_span_with_the_flow() -> None:
     assert after.span.max() > 1.1 * before.span
 
 
-def test_an_effect_whose_plug_in_fails_without_a_word_is_named(
-    tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "own_effect.py").write_text("raise RuntimeError\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(UsageError, match="the effect own_effect:oil fails: RuntimeError"):
-        _loaded(EntryPoint("oil", "own_effect:oil", GROUP))
+def test_the_command_lists_the_library(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["gap", "--library"])
+    listed = capsys.readouterr().out.splitlines()
+    assert {f"{e.name} ({e.tag}): {e.says}" for e in LIBRARY.values()} < set(listed)
+    assert "  cold_growth 0 to 4" in listed
+    assert "  needs engine_speed_rpm" in listed

@@ -1,16 +1,15 @@
-"""The library of effects as text: constants, bounds, signals, source, and who brings it."""
+"""The library of effects as text: constants, bounds, signals, source."""
 
-from training.greybox.effects import LIBRARY, Effect, origins
+from training.greybox.effects import LIBRARY, Effect
 
 
 def as_text() -> str:
-    """Return the library, the effects of plug-ins last."""
-    brought = origins()
-    return "\n".join(_lines(effect, brought.get(effect.name)) for effect in LIBRARY.values())
+    """Return the library."""
+    return "\n".join(map(_lines, LIBRARY.values()))
 
 
-def _lines(effect: Effect, origin: str | None) -> str:
-    start = [f"{effect.name} ({effect.tag}{f', from {origin}' if origin else ''}): {effect.says}"]
+def _lines(effect: Effect) -> str:
+    start = [f"{effect.name} ({effect.tag}): {effect.says}"]
     start += [
         f"  {p.name} {p.low:g} to {p.high:g} {p.unit}".removesuffix(" -") for p in effect.parameters
     ]
