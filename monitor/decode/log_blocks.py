@@ -13,12 +13,12 @@ from cantools.database.can import Message
 
 from monitor.base.types import FrameBlock
 from monitor.decode.bus_map import BusMap
+from monitor.decode.obd_answers import ANSWER, with_all_parameters
 from monitor.decode.parameter_groups import Sender
 from monitor.frames.blocks import EXTENDED, LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 
-ANSWER: Final = 0x7E8
 _ANSWER_29: Final = EXTENDED | 0x18DAF100
 _ENGINE: Final = 0x10  # usual address of the engine's ECU
 
@@ -50,12 +50,13 @@ def log_blocks(
 ) -> Iterator[FrameBlock]:
     """Return the blocks of a log for a bus map; errors as of ``read_blocks``.
 
-    renames : give the engine's answers of 29 bits the 11-bit identifier
+    renames : give the engine's answers of 29 bits the 11-bit identifier, parameters own frames
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
     keys = keys_of(channel.message for channel in bus_map.channels.values())
     blocks = read_blocks(path, counters, Channels(bus_map.log_channel, keys))
-    return map(EngineAnswers(keys).push, blocks) if renames else blocks
+    blocks = map(EngineAnswers(keys).push, blocks) if renames else blocks
+    return with_all_parameters(blocks) if renames and ANSWER in keys else blocks
 
 
 def keys_of(messages: Iterable[Message]) -> set[int]:

@@ -36,14 +36,14 @@ def group_of(can_id: int) -> int:
 def is_any_source(message: Message, database: Database) -> bool:
     """Return whether a message is known by its parameter group alone.
 
-    It is not if the database has the same group from two senders, which their addresses part.
+    It is not if the database has the group twice, which addresses or priorities part.
     """
     states_it = message.protocol == "j1939" or message.frame_id & 0xFF == NULL_ADDRESS
     if not (message.is_extended_frame and states_it):
         return False
     group = group_of(message.frame_id)
     same = [m for m in database.messages if m.is_extended_frame and group_of(m.frame_id) == group]
-    return len({m.frame_id & 0xFF for m in same}) == 1
+    return len(same) == 1
 
 
 class Sender:

@@ -16,7 +16,8 @@ from monitor.base.faults import DEFAULT_SEVERITY, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
-from monitor.decode.log_blocks import ANSWER, EngineAnswers, keys_of
+from monitor.decode.log_blocks import EngineAnswers, keys_of
+from monitor.decode.obd_answers import ANSWER
 from monitor.decode.parameter_groups import mask_of
 from monitor.frames.loop_frames import is_own
 from monitor.inject.frame_faults import FrameFaults

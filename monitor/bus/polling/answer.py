@@ -1,16 +1,15 @@
-"""Answers to OBD-II requests: ISO-TP reassembly, and the values in an answer.
+"""Requests of OBD-II, and identifiers of tester and ECU.
 
-Sources: ISO 15765-2 (frames, flow control), ISO 15765-4 (identifiers), SAE J1979 (service $01).
+Sources: ISO 15765-2 (flow control), ISO 15765-4 (identifiers), SAE J1979 (service $01).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from monitor.base.errors import UsageError
 
 SERVICE: Final = 0x01
-POSITIVE: Final = SERVICE + 0x40
 NEGATIVE: Final = 0x7F
 BUSY: Final = 0x21  # busy, repeat the request
 PENDING: Final = 0x78  # the answer comes later
@@ -63,52 +62,6 @@ def request_of(pids: Sequence[int]) -> bytes:
     '03 01 0c 0d 00 00 00 00'
     """
     return bytes([len(pids) + 1, SERVICE, *pids]).ljust(8, PADDING)
-
-
-class Reassembly:
-    """Puts the frames of one answer together; an unexpected frame ends the answer."""
-
-    def __init__(self) -> None:
-        self.is_running = False  # True while consecutive frames are due
-        self._data = bytearray()
-        self._length = self._count = 0
-
-    def push(self, data: bytes) -> bytes | None:
-        """Take the bytes of a frame; return the answer when it is complete."""
-        kind, low = (data[0] >> 4, data[0] & 0xF) if data else (-1, 0)
-        if kind == 0:
-            self.is_running = False
-            return data[1 : 1 + low] if 1 <= low < len(data) else None
-        if kind == 1 and len(data) == 8:
-            self._length = low << 8 | data[1]
-            self._data = bytearray(data[2:])
-            self._count = 1
-            self.is_running = self._length > 7
-        elif kind == 2 and self.is_running and low == self._count & 0xF:
-            self._data += data[1:]
-            self._count += 1
-            if len(self._data) >= self._length:
-                self.is_running = False
-                return bytes(self._data[: self._length])
-        elif kind == 2:
-            self.is_running = False  # a frame is missing
-        return None
-
-
-def values_of(
-    answer: bytes, asked: Sequence[int], lengths: Mapping[int, int]
-) -> list[tuple[int, bytes]]:
-    """Return the PIDs of an answer with their data, up to the first unexpected or cut one.
-
-    answer : bytes from the service number on
-    """
-    values: list[tuple[int, bytes]] = []
-    rest = answer[1:]
-    while rest and rest[0] in asked and len(rest) > lengths[rest[0]]:
-        pid, end = rest[0], 1 + lengths[rest[0]]
-        values.append((pid, rest[1:end]))
-        rest = rest[end:]
-    return values
 
 
 def supported(bitmap: int, data: bytes) -> set[int]:

@@ -12,9 +12,9 @@ from cantools.database.can import Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import BusChannel, BusMap
+from monitor.decode.obd_answers import ANSWER
 from monitor.decode.raw_values import last_byte
 
-ANSWER_ID: Final = 0x7E8  # the engine's answers, ISO 15765-4
 HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
 MOST_PIDS: Final = 6  # per request, SAE J1979
@@ -53,7 +53,7 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
         maps = ", ".join(str(map_path) for _, map_path in bus_map.pairs)
         raise SignalMapError(
             f"{maps}: nothing to ask for by OBD-II; signals multiplexed by {MULTIPLEXER} in the "
-            f"message 0x{ANSWER_ID:X} are wanted, as in obd2.dbc and obd2.toml"
+            f"message 0x{ANSWER:X} are wanted, as in obd2.dbc and obd2.toml"
         )
     signals = (
         ObdParameter(
@@ -88,7 +88,7 @@ def interval_s(parameters: Sequence[ObdParameter], rate_hz: float) -> float:
 
 
 def _pids(message: Message, signal: Signal) -> tuple[int, ...]:
-    if (message.frame_id, message.is_extended_frame) != (ANSWER_ID, False):
+    if (message.frame_id, message.is_extended_frame) != (ANSWER, False):
         return ()
     if signal.multiplexer_signal != MULTIPLEXER:
         return ()

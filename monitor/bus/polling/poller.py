@@ -19,15 +19,13 @@ from monitor.bus.polling.answer import (
     FUNCTIONAL_29,
     NEGATIVE,
     PENDING,
-    POSITIVE,
     SERVICE,
     EcuAddress,
-    Reassembly,
     request_of,
-    values_of,
 )
-from monitor.bus.polling.pids import ANSWER_ID, ObdParameter
+from monitor.bus.polling.pids import ObdParameter
 from monitor.bus.polling.schedule import Schedule
+from monitor.decode.obd_answers import ANSWER, POSITIVE, Reassembly, answer_of, values_of
 
 # Tried in this order until one is answered: 11 bits before 29, as in ISO 15765-4.
 ADDRESSES: Final = tuple(map(EcuAddress.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
@@ -177,11 +175,8 @@ class ObdPoller(Attachment):
         self._done(0.0)
         if is_bitmap:
             return []
-        first = 1 if is_shown and frame[1:3] == (ANSWER_ID, False) else 0
-        return [
-            Frame(frame.t_ns, ANSWER_ID, False, bytes([len(data) + 2, POSITIVE, pid, *data]))
-            for pid, data in values[first:]
-        ]
+        first = 1 if is_shown and frame[1:3] == (ANSWER, False) else 0
+        return [answer_of(frame.t_ns, *each) for each in values[first:]]
 
     def _negative(self, code: int) -> None:
         if code == PENDING:

@@ -71,6 +71,13 @@ def test_senders_that_the_database_parts_are_known_by_their_addresses(folder: Pa
     assert decoded(bus(folder, 0, other=1), frames) == [800.0]
 
 
+def test_messages_of_one_group_and_address_are_parted_by_their_priorities(folder: Path) -> None:
+    # GIVEN a database with the engine's group under priorities 3 and 6
+    frames = [speed(1, 0, 800.0), speed(2, 0, 1.0, priority=6)]
+    # THEN each message has its own frames
+    assert decoded(bus(folder, 0, other=0x0C000000), frames) == [800.0]
+
+
 def test_a_group_may_come_from_anyone_and_other_messages_from_one_sender(folder: Path) -> None:
     any_source = BlockDecoder(bus(folder, 3), ["engine_speed_rpm"])
     assert (any_source.identifiers, any_source.groups) == ((), ((0xF00400, 0x3FFFF00),))

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from monitor.base.command_line import signature
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
-from monitor.bus.polling.answer import EcuAddress, Reassembly, values_of
+from monitor.bus.polling.answer import EcuAddress
 from monitor.bus.polling.pids import BITMAPS, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
+from monitor.decode.obd_answers import Reassembly, values_of
 from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
 from tests.helpers.bus.obd_ecu import J1979, STEADY, steady_ecu
 from tests.helpers.examples import inputs
