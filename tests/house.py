@@ -19,7 +19,7 @@ from monitor.model.model_file import read
 ROOT: Final = Path(__file__).resolve().parents[1]
 PACKAGES: Final = ("monitor", "training")  # counted room by room
 WHOLE: Final = ("benchmarks", "tests")
-NO_SETTINGS: Final = {"profiles", "faults.toml", "findings.toml", "vocabulary.toml"}
+NO_SETTINGS: Final = {"frames", "faults.toml", "findings.toml", "vocabulary.toml"}
 SHIPPED: Final = ROOT / "monitor" / "model" / "shipped.onnx"
 
 

@@ -26,7 +26,7 @@ from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
 from monitor.frames.tables.readers import suffix_of
 from monitor.frames.text import candump
-from monitor.frames.text.layouts import LAYOUTS, LayoutFound, frames_of_lines, layout_of
+from monitor.frames.text.layouts import LAYOUTS, UNREAD, LayoutFound, frames_of_lines, layout_of
 
 if TYPE_CHECKING:
     import can
@@ -106,6 +106,10 @@ def frame_of(message: "can.Message") -> Frame:
 def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
     """Return the format's suffix without .gz; raises RecordingError if it is not known."""
     kind = suffix_of(path)
+    for each in UNREAD["binary"]:
+        if kind in each["suffixes"]:
+            told = f"{path}: {each['is']}: not read, convert it with {each['converter']}"
+            raise RecordingError(told)
     if kind not in known:
         formats = " ".join(known)
         raise RecordingError(

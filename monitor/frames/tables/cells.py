@@ -24,7 +24,8 @@ _CLOCK: Final = re.compile(
     r"(?:([ap]m)\s*)?(?:Z|([+-]\d\d):?(\d\d)?)?",
     re.I,
 )
-_BASIC: Final = re.compile(r"(\d{8})T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # ISO 8601, 20261128T063000.5
+# ISO 8601, 20261128T063000.5, or the day of the month alone
+_BASIC: Final = re.compile(r"(\d{8}|\d\d)T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")
 _IN_WORDS: Final = re.compile(r"(\d{1,3}) ?h ?(\d\d?) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
@@ -162,7 +163,7 @@ def wrap_s(text: str) -> float:
 
 def _clock_match(text: str) -> re.Match[str] | None:
     text = _IN_WORDS.sub(r"\1:\2:\3", text.strip())
-    return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text) if text[8:9] == "T" else text)
+    return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text) if "T" in text[2:9:6] else text)
 
 
 def of_unit(unit: str, parse: Parse) -> Parse:

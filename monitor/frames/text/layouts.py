@@ -4,11 +4,14 @@ A layout says how a log of the tool begins, what a line with a frame looks like,
 none. Sources: the tools' documentation and logs, and the formats that SavvyCAN reads.
 """
 
+import csv
 import re
+import tomllib
 from base64 import b64decode
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
+from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -17,7 +20,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
 from monitor.frames.blocks import LATEST_S, MAX_BYTES, CutShortError, LogCounters
 from monitor.frames.bounds import head_of
-from monitor.frames.tables.cells import ColumnClock
+from monitor.frames.tables.cells import ColumnClock, clock
 from monitor.frames.tables.dialect import encoding_of, name_and_unit
 from monitor.frames.text.candump import WANTED, frame_of_line
 from monitor.frames.text.lines import CUT_SHORT
@@ -55,6 +58,7 @@ class TextLayout:
     id_base: int = 0  # of identifiers, 0 that of the data
     wraps: bool = False  # the time of day, which begins anew at midnight
     ends_lines: bool = False  # with a line end, the last one, too
+    joined: Callable[[Iterator[str]], Iterator[str]] = iter  # lines of frames from those of a file
 
     def match(self, line: str) -> re.Match[str] | None:
         """Return the groups of a line with a frame."""
@@ -76,7 +80,11 @@ _CONSOLE: Final = "candump on a console"
 _RELATIVE: Final = re.compile(
     r"^base\s+\w+\s+timestamps\s+relative|^\*\*\*RELATIVE MODE", _ANY | re.M
 )
-_PLAIN: Final = re.compile(r"\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
+_DATE: Final = re.compile(
+    r"^date +\w+ +(\w{3})\w* +(\d+) +([\d:.]+)( +[ap]m)? +(\d{4})", re.I | re.M
+)
+_GERMAN: Final = {"mär": "mar", "mrz": "mar", "mai": "may", "okt": "oct", "dez": "dec"}
+_PLAIN: Final = re.compile(r"\s*\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
 _MS_SINCE_1970: Final = 1e12  # from 2001 on
@@ -92,6 +100,7 @@ def _layout(
     time_s: Callable[[str], float] = _seconds,
     wraps: bool = False,
     ends_lines: bool = False,
+    joined: Callable[[Iterator[str]], Iterator[str]] = iter,
 ) -> TextLayout:
     """Return a layout; in the patterns of rows a blank stands for blanks, @name for a cell."""
     frames = [
@@ -105,7 +114,27 @@ def _layout(
         time_s=time_s,
         wraps=wraps,
         ends_lines=ends_lines,
+        joined=joined,
     )
+
+
+def _saleae(lines: Iterator[str]) -> Iterator[str]:
+    """Yield a line for each whole frame of Saleae's export, which has a row for each field."""
+    frame = list[str]()
+    for row in csv.DictReader(lines):
+        try:
+            if row["type"] == "identifier_field":
+                remote = ["r"] * (row.get("remote_frame") == "true")
+                frame = [row["start_time"], f"{int(row['identifier'], 0):X}", *remote]
+            elif row["type"] == "data_field":
+                frame.append(f"{int(row['data'], 0):02X}")
+            elif row["type"] == "crc_field":
+                yield " ".join(frame)
+            elif not row["type"]:
+                raise ValueError
+        except (KeyError, TypeError, ValueError):
+            frame = []
+            yield " ".join(map(str, row.values()))  # damaged
 
 
 ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
@@ -160,11 +189,13 @@ BY_SUFFIX: Final = {".asc": ASC, ".trc": PEAK}  # known by their suffix, too
 LAYOUTS: Final = (
     _layout(
         _CONSOLE,
-        r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]",
+        r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]"
+        r"(?! +(?:[0-9A-F]{2}`|[01]{8}\b))",
         r"\((?P<time>[\d.:\s-]+)\) (?P<channel>\S+) (?:[RT]X [-B] [-E] )?"
         r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
         r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
         r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
+        other=r"\s+[a-z-]+(?:\{.*)?",  # what an error frame means
     ),
     _layout(
         "BusMaster",
@@ -182,7 +213,7 @@ LAYOUTS: Final = (
     ),
     _layout(  # of CanKing, and of the Memorator as its converter writes it
         "Kvaser",
-        r"^\s*Chn\s+Identifier\s+Flg\s+DLC|^ *Kvaser Memorator Log",
+        r"^\s*(?:Chn|Time\s+Chan)\s+Identifier\s+Fla?g",
         r"@channel @id (?P<flags>(?:[a-wyz]|@ext)*)\s*@length@data @time [RT]",
         r"@time @channel @id@ext? (?:(?:Rx|Tx|TxRq) )?(?:[EBPW#]|(?P<fd>F)|(?P<remote>R)|\s)*"
         r"(?P<dlc>\d+)(?:@data| RTR) \d+",
@@ -221,6 +252,12 @@ LAYOUTS: Final = (
         time_s=lambda text: int(text) / 1e6,
     ),
     _layout(
+        "Saleae Logic",
+        r'\A"?name"?,"?type"?,"?start_time',
+        r"(?P<time>[\d.e-]+) @id(?: @remote)?@data",
+        joined=_saleae,
+    ),
+    _layout(
         "rows of frames",
         r"^\d+\.\d+,[0-9a-f]{3,8},8(?:,[0-9a-f]{2}){8}(?:,[RT])?$",
         r"@time,@short,@length@data(?:,[RT])?,*",
@@ -230,14 +267,14 @@ LAYOUTS: Final = (
     ASC,
 )
 TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …, see ``_table``
-    "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#\u0080-\uffff].*", wraps=True
+    "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#%\u0080-\uffff].*", wraps=True
 )
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
-        r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间",
-        r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d{8}T\d{6})[^{sep}"]*)',
+        r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间|时间标识",
+        r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*)',
     ),
     (
         r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*|帧?id号?",
@@ -248,10 +285,10 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
         r"(?P<channel>[^{sep}]*)",
     ),
     (r"(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
-    (r"ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
-    (r"remote|rtr", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
+    (r"(?:is_)?ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
+    (r"(?:is_)?(?:remote|rtr)", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
     (r"type|帧类型", rf"(?:(?P<remote>rem\w*|rtr|远程帧)|{_REST})"),
-    (r"er|err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
+    (r"er|(?:is_)?err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
     (r"flags?", r'(?P<flags>[^{sep}"]*)'),
     (
         r"(?:data|daten|payload)(?: ?bytes?)?(?: ?[(\[]hex[)\]])?|数据(?:\(hex\))?",
@@ -262,49 +299,9 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
         r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})",
     ),
 )
-# what is known and not read: how it begins, and the tool that converts it
-UNREAD: Final = (
-    (
-        r"Vehicle Spy|^Line,Abs Time ?\(Sec\),",
-        "Vehicle Spy without arbitration identifiers",
-        "Vehicle Spy's own export",
-    ),
-    (
-        r'^ *"?No\."?[, ]+"?Time"?[, ]+"?Source',
-        "Wireshark",
-        "tshark -T fields -E header=y -e frame.time_epoch -e can.id -e can.len -e data.data",
-    ),
-    (
-        r"\At[0-9A-F]{3}(?:[0-9A-F]{5})?[0-8](?:[0-9A-F]{2})*(?:[0-9A-F]{4})?[\r\n]",
-        "an slcan adapter's own lines",
-        "slcand and candump -L",
-    ),
-    (
-        r"^Time[^,;\n]*[,;](?:CAN )?(?:Channel|ID|Identifier)[,;]",
-        "frames as CSV",
-        "SavvyCAN or python-can's can_logconvert",
-    ),
-    (
-        r"^ *\S+ +[0-9A-F]{3,8} +\[\d+\]  [0-9A-F ]+$",
-        "candump without times",
-        "candump -L, which writes them",
-    ),
-    (
-        r"(?:^[0-9A-F]{3,8}(?: [0-9A-F]{2}){1,8} *\n){3}|"
-        r"^(?!.*(?:time|stamp))(?:.*[,;])?(?:message|can|arb\w*)?[ _]?id[,;].*\b(?:data|message)",
-        "identifiers and data without times",
-        "an adapter or tool that writes the times",
-    ),
-    (
-        r"^.*\b01 ?([0-9A-F]{2}) ?\d?\s*\n.*\b41 ?\1",
-        "an ELM327's requests and answers",
-        "an app that writes a table",
-    ),
-    (
-        r"^ *\S+ \d+ +[0-9A-F]{3,8} .*\d+\.\d+ [RT]\n +-> ",
-        "CanKing's signals without the frames' data",
-        "CanKing, its formatter set to the data",
-    ),
+# what is known and not read: suffixes or how it begins, what it is, and the tool that converts it
+UNREAD: Final = tomllib.loads(
+    files("monitor.frames.text").joinpath("unread.toml").read_text("utf-8")
 )
 
 
@@ -341,10 +338,12 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
             layout = replace(layout, time_s=ColumnClock())
         says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec|data field: DEC", text, _ANY | re.M)
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
-        return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text))
-    for begins, tool, converter in UNREAD:
-        if re.search(begins, text, _ANY | re.M):
-            raise RecordingError(f"a CAN log, {tool}: not read, convert it with {converter}")
+        start_s = _start_s(text) if layout is ASC else 0.0
+        return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text), start_s)
+    for each in UNREAD["text"]:
+        if re.search(each["begins"], text, _ANY | re.M):
+            told = f"a CAN log, {each['is']}: not read, convert it with {each['converter']}"
+            raise RecordingError(told)
     return LayoutFound(encoding=encoding)
 
 
@@ -363,13 +362,22 @@ def _peak(text: str, encoding: str) -> LayoutFound:
     return LayoutFound(layout, encoding, start_s=start_s)
 
 
+def _start_s(text: str) -> float:
+    """Return the time of the date in Vector's header, English or German, since 1970; 0 for none."""
+    if (date := _DATE.search(text)) is None:
+        return 0.0
+    month, day, time, half, year = date.groups("")
+    start_s = clock(f"{day}-{_GERMAN.get(month.casefold(), month)}-{year} {time}{half}")
+    return start_s if start_s > _DAY_S else 0.0
+
+
 def _table(text: str) -> TextLayout | None:
     """Return the layout of a table of frames by the names of its columns, None if it is none."""
     lines = text.splitlines()[:_HEADER_WITHIN]
     for number, line in enumerate(lines):
         for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
             # CAN_DataFrame.ID, can.id
-            names = [name.strip(' "').casefold().rpartition(".")[2] for name in line.split(sep)]
+            names = [name.strip(' "%').casefold().rpartition(".")[2] for name in line.split(sep)]
             pattern = _table_row(names, sep)
             if pattern and (rows := [*filter(None, map(pattern.fullmatch, lines[number + 1 :]))]):
                 ids = {row["id"] for row in rows}
@@ -383,7 +391,8 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     """Return the pattern of a row of frames; None if time, identifier or data lack."""
     cells = [_REST] * len(names)
     for form, cell in _TABLE_COLUMNS:
-        place = next((i for i, n in enumerate(names) if re.fullmatch(form, n)), -1)
+        fitting = [(n != "id", i) for i, n in enumerate(names) if re.fullmatch(form, n)]
+        place = min(fitting, default=(True, -1))[1]  # that of a frame's header is another one
         if place >= 0 and not ("<data>" in cell and "<data>" in "".join(cells)):
             cells[place] = cell
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
@@ -450,7 +459,7 @@ def frames_of_lines(
     Raises ValueError if too many lines are damaged.
     """
     layout, late_s, before_s = found.layout, 0.0, 0.0
-    for number, raw in enumerate(lines, 1):
+    for number, raw in enumerate(layout.joined(lines) if layout else lines, 1):
         line = raw.strip("\ufeff\r\n")
         line = _COLOURS.sub("", line) if "\x1b" in line else line
         if layout and layout.ends_lines and not raw.endswith("\n"):
@@ -472,8 +481,7 @@ def frames_of_lines(
                     late_s += _DAY_S
                 before_s = time_s + late_s
                 groups = match.groupdict()
-                time_s = found.start_s + before_s
-                frame = _frame(groups, time_s, found.base, layout.id_base or found.base)
+                frame = _frame(groups, before_s, found)
                 channel = groups.get("channel") or ""
         except (ValueError, IndexError):
             wanted = f"a frame of {layout.tool} is wanted" if layout else WANTED
@@ -486,7 +494,7 @@ def frames_of_lines(
             yield frame, channel
 
 
-def _frame(groups: dict[str, str | None], time_s: float, base: int, id_base: int) -> Frame | None:
+def _frame(groups: dict[str, str | None], time_s: float, found: LayoutFound) -> Frame | None:
     """Return the frame of a line's groups, None for a remote or error frame."""
     if groups.get("remote") or groups.get("error") or groups.get("rtr"):
         return None
@@ -494,12 +502,15 @@ def _frame(groups: dict[str, str | None], time_s: float, base: int, id_base: int
     bits = int(flags) if flags.isdecimal() else 0  # of Kvaser
     if bits & _KVASER_NO_DATA:
         return None
-    can_id = int(groups["id"] or "", id_base)
-    data = _data(groups, base)
-    if len(data) > MAX_BYTES or not abs(time_s) < LATEST_S or can_id >> 29:
+    assert found.layout
+    can_id = int(groups["id"] or "", found.layout.id_base or found.base)
+    data = _data(groups, found.base)
+    late_s = found.start_s + time_s
+    if len(data) > MAX_BYTES or not abs(late_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
     is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED) or can_id > _STANDARD
-    return Frame(round(time_s * 1e6) * 1000, can_id, is_extended, data)
+    t_us = round(found.start_s * 1e6) + round(time_s * 1e6)
+    return Frame(t_us * 1000, can_id, is_extended, data)
 
 
 def _data(groups: dict[str, str | None], base: int) -> bytes:

@@ -15,229 +15,8 @@ from monitor.grid.tables import is_table
 from monitor.report.check import check
 from tests.helpers.logs.bus_maps import OBD
 
-SPY = "Line,Abs Time(Sec),Rel Time (Sec),Status,Er,Tx,Description,Network,Node"
-BYTES = "B1,B2,B3,B4,B5,B6,B7,B8,Value,Trigger,Signals"
-KVASER = "Time,Channel,ID,Flags,DLC,Data0,Data1,Data2,Data3,Data4,Data5,Data6,Data7,Counter"
 # one log per tool: 2 frames of 11 bits and one of 29, 10 ms apart; then what is no frame
-TOOLS = {
-    "printed.log": """\
-Timestamp: 1700000000.000000    ID: 00c2    S Rx                DL:  8    01 02 03 04 05 06 07 a8
-Timestamp: 1700000000.010000    ID: 00c3    S Tx                DL:  2    11 22     Channel: can0
-Timestamp: 1700000000.020000    ID: 18fef100    X Rx     F BS   DL:  1    ff        Channel: can0
-Timestamp: 1700000000.021000    ID: 00c2    S Rx   R            DL:  8              Channel: can0
-""",
-    "intrusion.txt": """Timestamp: 1479121434.850000  ID: 00c2  000  DLC: 8  01 02 03 04 05 06 07 a8
-Timestamp: 1479121434.860000        ID: 00c3    000    DLC: 2    11 22
-Timestamp: 1479121434.870000        ID: 18fef100    000    DLC: 1    ff
-""",
-    "intrusion.csv": """1478198376.389000,00c2,8,01,02,03,04,05,06,07,a8,R
-1478198376.399000,00c3,2,11,22,R
-1478198376.409000,18fef100,1,ff,T
-""",
-    "socketcand.txt": """< hi >
-< ok >
-< frame C2 23.400000 01 02 03 04 05 06 07 A8 >
-< frame C3 23.410000 1122 >
-< frame 18FEF100 23.420000 FF >
-""",
-    "canwise.log": """EV NUM/ERR F/F ID     LEN R/D   D0  D1  D2 TIMESTAMP  DD MM YYYY TIME
-RX 01 SFF 000000C2 8 HEX   01  02  03  04  05  06  07  A8 0033200000 07.05.2022 14:10:08.135 1 2
-TX 02 SFF 000000C3 2 HEX   11  22                         0033210000 07.05.2022 14:10:08.145 1 2
-RX 03 EFF 18FEF100 1 HEX   FF                             0033220000 07.05.2022 14:10:08.155 1 2
-""",
-    "millis.csv": """millis,ID,DLC,B0,B1,B2,B3,B4,B5,B6,B7
-500,0x0C2,8,0x01,0x02,0x03,0x04,0x05,0x06,0x07,0xA8
-510,0x0C3,2,0x11,0x22
-520,0x18FEF100,1,0xFF
-""",
-    "plain.csv": """millis,id,len,d0,d1,d2,d3,d4,d5,d6,d7
-500,194,8,1,2,3,4,5,6,7,168
-510,195,2,17,34
-520,419361024,1,255
-""",
-    "scope.csv": """Acq,Packet,Start Time (ms),End Time (ms),ID,DLC,Data
-1,1,500.2,500.4,C2,8,01 02 03 04 05 06 07 A8
-1,2,510.2,510.4,C3,2,11 22
-1,3,520.2,520.4,18FEF100,1,FF
-""",
-    "chinese.csv": """序号,系统时间,时间标识,CAN通道,传输方向,ID号,帧类型,帧格式,长度,数据
-0,"17:16:04.110","0x1","ch1","接收","0x00C2","数据帧","标准帧","0x08","x| 01 02 03 04 05 06 07 A8"
-1,"17:16:04.120","0x2","ch1","接收","0x00C3","数据帧","标准帧","0x02","x| 11 22"
-2,"17:16:04.130","0x3","ch1","接收","0x18FEF100","数据帧","扩展帧","0x01","x| FF"
-3,"17:16:04.140","0x4","ch1","接收","0x00C2","远程帧","标准帧","0x08","x| "
-""",
-    "console.log": """ (1700000000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
- (1700000000.010000)  can0  0C3   [2]  11 22
- (1700000000.020000)  can0  18FEF100   [1]  FF
- (1700000000.030000)  can0  0C2   [0]  remote request
- (1700000000.031000)  can0  20000004   [8]  00 04 00 00 00 00 00 00   ERRORFRAME
-""",
-    "dates.log": """ (2023-11-14 22:13:20.000000)  can0  RX - -  0C2   [8]  01 02 03 04 05 06 07 A8
- (2023-11-14 22:13:20.010000)  can0  TX - -  0C3   [2]  11 22   '."'
- (2023-11-14 22:13:20.020000)  can0  RX - -  18FEF100   [1]  FF
-""",
-    "gvret.csv": """Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8
-1000,000000C2,false,Rx,0,8,01,02,03,04,05,06,07,A8,
-11000,000000C3,false,Tx,0,2,11,22,00,00,00,00,00,00,
-21000,18FEF100,true,Rx,0,1,FF,00,00,00,00,00,00,00,
-""",
-    "busmaster.log": """***BUSMASTER Ver 3.2.2***
-***PROTOCOL CAN***
-***HEX***
-***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***
-23:59:59:9900 Rx 1 0x0C2 s 8 01 02 03 04 05 06 07 A8
-00:00:00:0000 Tx 1 0x0C3 s 2 11 22
-00:00:00:0100 Rx 1 0x18FEF100 x 1 FF
-00:00:00:0200 Rx 1 0x0C2 sr 0
-***[STOP LOGGING SESSION]***
-""",
-    "decimal.log": """***BUSMASTER Ver 3.2.2***
-***DEC***
-10:00:00:0000 Rx 1 194 s 8 1 2 3 4 5 6 7 168
-10:00:00:0100 Rx 1 195 s 2 17 34
-10:00:00:0200 Rx 1 419361024 x 1 255
-""",
-    "canhacker.trc": """Time   ID     DLC Data                    Comment
-00,000 0C2    8   01 02 03 04 05 06 07 A8
-00,010 0C3    2   11 22                   said
-00,020 18FEF100 1 FF
-""",
-    "kvaser.txt": """Chn Identifier Flg   DLC  D0...1...2...3...4...5...6..D7       Time     Dir
- 0    000000C2         8  01  02  03  04  05  06  07  A8       0.000000 R
- 0    000000C3         2  11  22                               0.010000 R
- 0    18FEF100 X       1  FF                                   0.020000 T
-""",
-    "memorator.txt": """                    Kvaser Memorator Log
-                    ====================
-Memorator Binary logfile created at: 2026-11-28 06:30:00
-Settings:
-   Format of data field: HEX
-   CAN channel:          1 2
-        Time Chan   Identifier Flags        DLC  Data                           Counter
-===================================================================================
-    0.000000  1          C2    Rx          8  01 02 03 04 05 06 07 A8             1
-    0.005000  Trigger (type=0x1, active=0x00, pre-trigger=-1, post-trigger=-1)
-    0.010000  1          C3    Tx          2  11 22                               2
-    0.015000  1          C2    Rx       R  8  RTR                                 3
-    0.020000  1    18FEF100x   Rx          1  FF                               1234
-""",
-    "zero.log": """ (000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
- (000.010000)  can0  0C3   [2]  11 22
- (000.020000)  can0  18FEF100   [1]  FF
- (000.020000)  can0  0C2   [0]  remote request
-""",
-    "delta.log": """ (000.000000)  can0  0C2   [8]  01 02 03 04 05 06 07 A8
- (000.010000)  can0  0C3   [2]  11 22
- (000.010000)  can0  18FEF100   [1]  FF
- (000.002000)  can0  0C2   [0]  remote request
-""",
-    "memorator.csv": f"""{KVASER},AbsTime
-0.500000,1,194,2,8,1,2,3,4,5,6,7,168,256,2023-11-14
-0.510000,1,195,2,2,17,34,,,,,,,257,2023-11-14
-0.520000,1,419361024,4,1,255,,,,,,,,3,2023-11-14
-0.530000,1,194,3,8,,,,,,,,,4,2023-11-14
-""",
-    "memorator_hex.csv": f"""{KVASER}
-0.500000,1,C2,2,8,01,02,03,04,05,06,07,A8,256
-0.510000,1,C3,2,2,11,22,,,,,,,257
-0.520000,1,18FEF100,4,1,FF,,,,,,,,3
-""",
-    "spy.csv": f"""Vehicle Spy 3 Bus Traffic File
-Save Date,1/2/2023
-ISO8601 Timestamp,2023-01-02T13:00:47.000019
-
-{SPY},Arb ID,Remote,Xtd,{BYTES}
-{SPY},PT,Trgt,Src,{BYTES}
-1,2550.368,0.0,67371008,F,F,"HS CAN, $C2",HS CAN,,C2,F,F,01,02,03,04,05,06,07,A8,,,
-2,2550.378,0.01,67371008,F,T,HS CAN $C3,HS CAN,,C3,F,F,11,22,,,,,,,,,
-3,2550.388,0.01,67371008,F,F,HS CAN,HS CAN,,18FEF100,F,T,FF,,,,,,,,,,
-4,2550.389,0.001,67371008,F,F,HS CAN $C2,HS CAN,,C2,T,F,,,,,,,,,,,
-""",
-    "drive.crtd": """1700000000.000000 CXX OVMS trace
-1700000000.000000 1R11 0C2 01 02 03 04 05 06 07 A8
-1700000000.010000 1T11 0C3 11 22
-1700000000.020000 1R29 18FEF100 FF
-1700000000.030000 CEV an event
-""",
-    "microchip.txt": """//---------------------------------
-Microchip Technology Inc.
-CAN BUS Analyzer
-//---------------------------------
-1000;RX;0x000000C2;8;0x01;0x02;0x03;0x04;0x05;0x06;0x07;0xA8;
-1010;TX;0x000000C3;2;0x11;0x22;
-1020;RX;0x18FEF100;1;0xFF;
-""",
-    "ixxat.csv": """ASCII Trace IXXAT V1
-Date: 1.2.2023
-"Time","Identifier (hex)","Format","Flags","Data (hex)"
-"00:01:03.00","0C2","Std","","01 02 03 04 05 06 07 A8 "
-"00:01:03.01","0C3","Std","","11 22 "
-"00:01:03.02","18FEF100","Ext","","FF "
-""",
-    "canedge.csv": """TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;ESI;RTR;DataBytes
-1700000000.000000;1;C2;0;8;8;0;0;0;0;0;01020304050607A8
-1700000000.010000;1;C3;0;2;2;0;0;0;0;0;1122
-1700000000.020000;1;18FEF100;1;1;1;0;0;0;0;0;FF
-""",
-    "adapter.csv": """Index,System Time,Time Stamp,Channel,ID,Type,Format,Len,Data
-0,10:00:00.1,0.500000,ch1,0x00C2,Data,Standard,0x08,x| 01 02 03 04 05 06 07 A8
-1,10:00:00.1,0.510000,ch1,0x00C3,Data,Standard,0x02,x| 11 22
-2,10:00:00.1,0.520000,ch1,0x18FEF100,Data,Extended,0x01,x| FF
-3,10:00:00.1,0.530000,ch1,0x00C2,Remote,Standard,0x00,
-""",
-    "milliseconds.csv": """Zeit (ms);Bus;Type;CAN-ID;Len;B0;B1;B2;B3;B4;B5;B6;B7
-500,0;1;Rx;C2h;8;01;02;03;04;05;06;07;A8
-510,0;1;Tx;C3h;2;11;22;;;;;;
-520,0;1;Rx;18FEF100h;1;FF;;;;;;;
-""",
-    "joined.csv": """time,addr,bus,data,d0
-0.5,0xc2,0,0x01020304050607a8,1
-0.51,0xc3,0,0x1122,17
-0.52,0x18fef100,0,0xff,255
-""",
-    "relative.log": """***BUSMASTER Ver 3.2.2***
-***HEX***
-***RELATIVE MODE***
-00:00:00:0000 Rx 1 0x0C2 s 8 01 02 03 04 05 06 07 A8
-00:00:00:0100 Tx 1 0x0C3 s 2 11 22
-00:00:00:0100 Rx 1 0x18FEF100 x 1 FF
-""",
-    "version.trc": """;$FILEVERSION=1.2
-;$STARTTIME=46353.4166666667
-     1)        500.0 1  Rx        00C2  8  01 02 03 04 05 06 07 A8
-     2)        510.0 1  Tx        00C3  2  11 22
-     3)        520.0 1  Rx    18FEF100  1  FF
-""",
-    "tshark.txt": """frame.time_epoch\tcan.id\tcan.len\tdata.data
-1700000000.000000000\t194\t8\t01:02:03:04:05:06:07:a8
-1700000000.010000000\t195\t2\t11:22
-1700000000.020000000\t419361024\t1\tff
-""",
-    "cl2000.txt": """# Logger type: CL2000
-# Value separator: ";"
-Timestamp;Type;ID;Data
-20261128T063000000;0;c2;01020304050607a8
-20261128T063000010;0;c3;1122
-20261128T063000020;1;18fef100;ff
-""",
-    "length_code.log": """(1700000000.000000) can0 0C2#01020304050607A8_B
-(1700000000.010000) can0 0C3#1122
-(1700000000.020000) can0 18FEF100#FF
-""",
-    "german.csv": """Zeit [s];Kanal;ID (hex);DLC;Daten
-0,500000;1;C2;8;01 02 03 04 05 06 07 A8
-0,510000;1;C3;2;11 22
-0,520000;1;18FEF100;1;FF
-""",
-    "candump.txt": """(1700000000.000000) can0 0C2#01.02.03.04.05.06.07.A8
-(1700000000.010000) can0 0C3#1122
-(1700000000.020000) can0 18FEF100#FF
-""",
-    "colours.log": """ \x1b[34m(001.500000)\x1b[m can0 \x1b[31m0C2\x1b[m [8] 01 02 03 04 05 06 07 A8
- \x1b[34m(001.510000)\x1b[0m  can0  \x1b[31m0C3\x1b[0m   [2]  11 22
- \x1b[34m(001.520000)\x1b[0m  can0  \x1b[31m18FEF100\x1b[0m   [1]  FF
-""",
-}
+TOOLS = {path.name: path.read_text("utf-8") for path in Path(__file__).parent.glob("tools/*/*")}
 DATA = [(0xC2, False, "01020304050607a8"), (0xC3, False, "1122"), (0x18FEF100, True, "ff")]
 
 
@@ -296,6 +75,7 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
         ("    No. Time   Source\n      1 0.0    CAN  ID: 194\n", "Wireshark: not read, convert"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
+        (" (1.0)  can0  0C2   [2]  11`22\n", "candump -S or -i: not read, convert it with candump"),
     ],
 )
 @pytest.mark.parametrize("name", ["drive.csv", "drive.log", "drive.txt"])
@@ -306,6 +86,12 @@ def test_a_known_format_that_is_not_read_is_called_by_its_name(
     path.write_text(text)
     assert cli.main(["check", str(path)]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_a_binary_format_is_called_by_its_name(tmp_path: Path) -> None:
+    (tmp_path / "drive.pcapng").write_bytes(bytes(99))
+    with pytest.raises(RecordingError, match=r"a capture: not read, convert it with tshark -T"):
+        read_blocks(tmp_path / "drive.pcapng")
 
 
 def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) -> None:
@@ -410,3 +196,20 @@ def test_answers_of_29_bits_are_decoded_as_those_of_11(tmp_path: Path) -> None:
     # THEN all say the same
     assert len(set(seen)) == 1
     assert seen[0][0] == pytest.approx(0x1970 / 4)
+
+
+def test_an_answer_gives_all_parameters_that_were_asked_for_in_one_request(tmp_path: Path) -> None:
+    # GIVEN answers with several parameters in one frame and in three, and one whose end is unknown
+    path, log = tmp_path / "obd.log", "(1.{:06d}) can0 {}#{}\n"
+    three = "100F410C19700578", "210F430B28348000", "228000AAAAAAAAAA"
+    lines = [*three, "06410C19700F43AA", "06410C1970F043AA"]
+    for identifier in ("7E8", "18DAF110"):
+        path.write_text("".join(log.format(i, identifier, each) for i, each in enumerate(lines)))
+        # WHEN the log is checked
+        found = {s.name: s for s in check(log_blocks(path, OBD), OBD).signals}
+        # THEN each has its value, and what cannot be told apart has none
+        wanted = {"engine_speed_rpm": 1628.0, "coolant_temperature_degc": 80.0}
+        wanted |= {"manifold_temperature_degc": 27.0, "manifold_pressure_kpa": 40.0}
+        wanted |= {"lambda_measured": 1.0}
+        assert {name: found[name].maximum for name in wanted} == pytest.approx(wanted)
+        assert [found[n].count for n in ("engine_speed_rpm", "manifold_temperature_degc")] == [3, 2]

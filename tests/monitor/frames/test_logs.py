@@ -194,7 +194,10 @@ def test_logs_written_by_python_can_are_read_as_python_can_reads_them(
     found = read_at_once(path)
     with can.LogReader(path) as reader:
         sent = [frame_of(m) for m in reader if not (m.is_error_frame or m.is_remote_frame)]
-    assert sorted(found[0]) == sorted(sent)  # MF4: in the order of time
+    read, wanted = sorted(found[0]), sorted(sent)  # MF4: in the order of time
+    if suffix == ".asc" and wanted:  # python-can leaves out the date of the header
+        read, wanted = zeroed(read), zeroed(wanted)
+    assert read == wanted
     assert len(found[0]) == sum(not (m.is_error_frame or m.is_remote_frame) for m in messages)
     assert found[1].skipped == len(messages) - len(found[0])
 
