@@ -48,7 +48,9 @@ TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC 
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 SEVERAL: Final = frozenset({"flow", "mass", "torque", "speed"})  # whose values suit several units
 UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
-    "pressure": [(text, UNITS[text.lower()]) for text in ("kPa", "MPa", "bar", "hPa", "psi")],
+    "pressure": [
+        (text, UNITS[text.lower()]) for text in ("kPa", "MPa", "bar", "hPa", "psi", "inHg")
+    ],
     "temperature": [(text, UNITS[text.lower()]) for text in ("°C", "°F")],
     "share": [("", UNITS["%"]), ("", Unit("share", 100.0))],
     "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICHIOMETRIC))],
@@ -242,12 +244,18 @@ def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterato
         or (kind == "speed of rotation" and low >= 0.0 and high <= MOST_RPM)
     )
     why = "no unit is given, taken for the one that its range suggests: check"
+    reads = []
     for text, unit in UNSTATED.get(kind, [("", quantity.unit)]):
         factor, offset = conversion(unit, quantity.unit)
         read = fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
-        read = fit if unit == UNITS["-"] else read
-        is_borne_out = kind not in SEVERAL and _is_usual(quantity, read, d)
-        yield read if is_plain or is_borne_out else read.doubted("no unit is given")
+        reads.append(fit if unit == UNITS["-"] else read)
+    likely = [read for read in reads if _is_usual(quantity, read, d)]
+    middle = float(np.median(reads[0].canonical(d.known))) if len(likely) > 1 else 0.0
+    is_told = is_plain or len(likely) < 2 or quantity.typical[0] <= middle <= quantity.typical[1]
+    units = "" if is_told else f": {' or '.join(read.unit for read in likely)}?"
+    for read in reads:
+        is_borne_out = kind not in SEVERAL and is_told and read in likely
+        yield read if is_plain or is_borne_out else read.doubted(f"no unit is given{units}")
 
 
 def _is_usual(quantity: MapQuantity, fit: QuantityFit, d: Description) -> bool:

@@ -105,7 +105,7 @@ def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandid
                 found[name].append(
                     SignalCandidate(name, column.name, sure, _entry(own), order, True)
                 )
-        for text in dict.fromkeys(name_and_unit(each)[0] for each in (column.name, *column.others)):
+        for text in dict.fromkeys(_words(raw, each) for each in (column.name, *column.others)):
             described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
             for name in BY_NAME.keys() & QUANTITIES.keys():
                 if fit := fit_of(name, described):
@@ -113,6 +113,14 @@ def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandid
                     entry = _entry(_by_words(name, column, fit))
                     found[name].append(SignalCandidate(name, column.name, fit, entry, ()))
     return found
+
+
+def _words(raw: RawTable, name: str) -> str:
+    """Return a name without its unit and the number of its repeat; other text in brackets stays."""
+    first, _, number = name.rpartition("#")
+    name = first if number.isdigit() and first in raw.names else name
+    bare, unit = name_and_unit(name)
+    return bare if unit_of(unit, STOICHIOMETRIC) or unit == "-" else name
 
 
 def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> Source | None:

@@ -14,7 +14,7 @@ from monitor.base.errors import RecordingError, UsageError
 
 SUFFIXES: Final = (
     *(".log", ".asc", ".blf", ".csv", ".trc", ".mf4", ".mdf", ".dat", ".parquet"),
-    *(".mlg", ".msl", ".vbo", ".tsv", ".ascii", ".crtd"),
+    *(".mlg", ".msl", ".vbo", ".tsv", ".ascii", ".lvm", ".crtd"),
 )
 _MAGIC: Final = "*?["
 _WEB: Final = ("http://", "https://")

@@ -1,6 +1,7 @@
 """Text tables (.csv, .msl, .txt): rows to blocks of numbers, read by their dialect."""
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
@@ -23,7 +24,7 @@ from monitor.frames.tables.cells import (
     of_unit,
     of_words,
 )
-from monitor.frames.tables.dialect import Dialect, dialect_of, one_line
+from monitor.frames.tables.dialect import Dialect, dialect_of, one_line, ungrouped
 from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
@@ -35,6 +36,8 @@ _LONG: Final = (
     "value wert reading valor valeur",
     "units unit einheit uom unidad unité",
 )
+# of a last column, which rows may lack
+_REMARKS: Final = re.compile("comment|remark|note|bemerkung", re.I)
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
 
 
@@ -100,7 +103,7 @@ def _read_long(
     if order is not None:
         at = _parser(dialect, Wanted(order))
         rows = iter(sorted(rows, key=lambda numbered: at(numbered[1][order])))
-    parse = partial(number, comma=True) if dialect.decimal_comma else number
+    parse = _number(dialect)
     chosen = [columns[each.column] for each in wanted]
     plain = [
         (k, i, _parser(dialect, Wanted(i))) for k, i in enumerate(chosen) if isinstance(i, int)
@@ -172,10 +175,15 @@ def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
     if wanted.words:
         return of_words(wanted.words)
     column = dialect.columns[wanted.column]
-    parse = partial(number, comma=True) if dialect.decimal_comma else number
     if column.kind == "clock":
         return ColumnClock()
+    parse = _number(dialect)
     return of_unit(column.unit, parse) if column.kind == "measure" else parse
+
+
+def _number(dialect: Dialect) -> Parse:
+    parse = partial(number, comma=True) if dialect.decimal_comma else number
+    return (lambda text: parse(ungrouped(text, dialect.grouping))) if dialect.grouping else parse
 
 
 def _rows(
@@ -189,6 +197,7 @@ def _rows(
     """
     width = len(dialect.columns)
     named = max((i for i, each in enumerate(dialect.columns, 1) if each.name), default=0)
+    may_lack = bool(_REMARKS.match(dialect.columns[-1].name))
     least = width if dialect.is_exact else max(least, named)
     with open_text(path, dialect.encoding, errors=dialect.errors) as text:
         reader = csv.reader(
@@ -200,13 +209,14 @@ def _rows(
         odd: list[str] = []  # rows of another length
         last_odd = 0
         try:
-            for row in _data(reader, dialect, notes):
+            for cells in _data(reader, dialect, notes):
+                row = [*cells, ""] if may_lack and len(cells) == width - 1 else cells
                 if least <= len(row) and (len(row) == width or not dialect.is_exact):
                     yield reader.line_num, row
                 else:
-                    cells, columns = counted(len(row), "cell"), counted(width, "column")
+                    found, columns = counted(len(row), "cell"), counted(width, "column")
                     last_odd = reader.line_num
-                    odd.append(f"line {last_odd}: {cells}, the header has {columns}")
+                    odd.append(f"line {last_odd}: {found}, the header has {columns}")
                 if odd and (dialect.is_exact or len(odd) > 1 + DAMAGED_SHARE * reader.line_num):
                     raise RecordingError(f"{path}: {odd[0]}")
         except csv.Error as error:
@@ -239,7 +249,7 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
     width, skip = len(dialect.columns), dialect.skip
     names = [column.name for column in dialect.columns]
     for row in reader:
-        is_blank = not row or (len(row) == 1 and not row[0].strip())
+        is_blank = not dialect.separator.join(row).strip()
         if is_blank or (dialect.row and not dialect.row.match(row[0])):
             continue
         if skip:

@@ -33,9 +33,19 @@ _TITLES: Final = 2  # most rows with one cell between header and data
 _SAMPLE: Final = 20  # rows that tell what a column holds
 _COMMA: Final = re.compile(r"-?\d+,\d+(?:e[-+]?\d+)?", re.I)
 _POINT: Final = re.compile(r"-?\d+\.\d+")
-_PAIRS: Final = re.compile(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*[\xa1-\xf7]?")  # Chinese
-_JAPANESE: Final = re.compile(rb"(?:[\x82\x83][\x40-\xf1]){2}")  # syllables
-_RUSSIAN: Final = re.compile(rb"[\xc0-\xff]{4}")  # letters of Western languages stand alone
+# encodings by their letters, the first that fits: Chinese pairs, Japanese syllables, words in which
+# no Western letter stands alone, signs of Western text in a word, or ø and è beside á
+_LETTERS: Final = {
+    "gb18030": re.compile(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*[\xa1-\xf7]?\Z"),
+    "shift_jis": re.compile(rb"(?s:.*)(?:[\x82\x83][\x40-\xf1]){2}"),
+    "cp1251": re.compile(rb"(?s:.*)[\xc0-\xff]{4}"),
+    "cp1250": re.compile(
+        rb"(?s)(?=.*[\xe1\xfd])(?=.*[\xc8\xe8\xec\xf8\xf9])"
+        rb"|.*[a-z](?:[\xb3\xb9\xbe\xbf][a-z]|[\x9a\x9c-\x9f])"
+    ),
+}
+_HEADER_ENDS: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.I)  # LabVIEW's
+_GROUPS: Final = re.compile(r"-?[1-9]\d{0,2}(?:(['’.\xa0\u202f])\d{3})+(?:[.,]\d+)?")  # 3.645
 _IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[{]([^()\[\]{}]*)[)\]}]\s*")
 
 
@@ -49,6 +59,7 @@ class Dialect:
     errors: str = "replace"  # of the encoding, as for ``open``
     separator: str = ","
     decimal_comma: bool = False
+    grouping: str = ""  # characters that part the thousands of a number
     has_quotes: bool = True  # cells may stand in quotes
     skip: int = 0  # rows before the first row of data, blank lines not counted
     below_names: int = 0  # rows between the names and the data, of units as a rule
@@ -69,11 +80,8 @@ def encoding_of(head: bytes) -> str:
     try:
         decoder.decode(head)
     except UnicodeDecodeError:
-        if _PAIRS.fullmatch(head):
-            return "gb18030"
-        if _JAPANESE.search(head):
-            return "shift_jis"
-        return "cp1251" if _RUSSIAN.search(head) else "cp1252"
+        fitting = (name for name, letters in _LETTERS.items() if letters.match(head))
+        return next(fitting, "cp1252")
     return "utf-8"
 
 
@@ -92,10 +100,12 @@ def dialect_of(path: Path) -> Dialect:
     if len(head) == HEAD_BYTES:
         lines = lines[:-1]
     lines = [line for line in lines if line.strip()]
+    first = max((i + 1 for i, line in enumerate(lines) if _HEADER_ENDS.fullmatch(line)), default=0)
     *marks, blank = _SEPARATORS
     found: list[_TextLayout] = []
     for separators, most in product((marks, [blank]), LINES):
-        found = found or [each for s in separators if (each := _layout(lines[:most], s))]
+        looked_at = lines[first : first + most]
+        found = found or [each for s in separators if (each := _layout(looked_at, s))]
     if not found:
         raise RecordingError(f"{path}: no row of column names with rows of numbers below it")
     best = max(found, key=lambda each: (each.support * each.width, each.width))
@@ -107,16 +117,18 @@ def dialect_of(path: Path) -> Dialect:
         encoding=encoding,
         separator=best.separator,
         decimal_comma=best.comma,
-        skip=best.data,
+        grouping=best.grouping,
+        skip=first + best.data,
         below_names=best.data - 1 - best.header[0],
         is_exact=columns[0].name == OWN_TIME and best.separator == "," and not best.comma,
-        preamble="\n".join(lines[: best.header[0]]),
+        preamble="\n".join(lines[: first + best.header[0]]),
     )
 
 
 class _TextLayout(NamedTuple):
     separator: str
     comma: bool  # of decimals
+    grouping: str
     rows: list[list[str]]
     header: list[int]  # rows of names, units and other names
     data: int  # the first row of data
@@ -143,6 +155,10 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
         _COMMA.fullmatch(cell) and not (in_thousands and THOUSANDS.fullmatch(cell))
         for cell in cells
     )
+    grouping = "".join({mark[1] for mark in map(_GROUPS.fullmatch, cells) if mark})
+    if not comma or any("." in c and is_number(c) and not _GROUPS.fullmatch(c) for c in cells):
+        grouping = grouping.replace(".", "")  # of decimals
+    rows = [[ungrouped(cell, grouping) for cell in row] for row in rows] if grouping else rows
     is_data = [_is_data(row, comma=comma) for row in rows]
     for n, row in enumerate(rows[1:], 1):  # below names, 1, 2, 3, … are the numbers of the columns
         is_data[n] &= row != [str(i + 1) for i in range(len(row))]
@@ -158,8 +174,18 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
             d and n <= 1.25 * named + 1 for d, n in zip(is_data[data:], filled, strict=True)
         )
         if header and (best is None or support > best.support):
-            best = _TextLayout(separator, comma, rows, header, data, width, support)
+            best = _TextLayout(separator, comma, grouping, rows, header, data, width, support)
     return best
+
+
+def ungrouped(text: str, grouping: str) -> str:
+    """Return a number without the marks of its thousands; any other text as it is.
+
+    >>> ungrouped("3.645,5", "."), ungrouped("0.998", "."), ungrouped("28.11.2026", ".")
+    ('3645,5', '0.998', '28.11.2026')
+    """
+    drop = dict.fromkeys(map(ord, grouping)) if _GROUPS.fullmatch(text.strip()) else {}
+    return text.translate(drop)
 
 
 def _header(
@@ -228,10 +254,12 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
 
 
 def _units_row(header: Sequence[list[str]]) -> list[str] | None:
-    """Return the row of units: the one behind the first with most of them, else the second."""
+    """Return the row of units: above the names, else with most of them, else the second."""
     if len(header) < 2:
         return None
-    known = [sum(unit_of(cell, 1.0) is not None for cell in row if cell) for row in header[1:]]
+    above, *known = [sum(unit_of(c, 1.0) is not None for c in row if c) for row in header]
+    if above > max(known) and above > 0.8 * sum(map(bool, header[0])):
+        return header[0]
     best = max(range(len(known)), key=lambda row: (known[row], row))  # names may be units, too
     are_names = any(unit_of(name_and_unit(cell)[1], 1.0) for cell in header[1] if cell)
     return header[1 + best] if any(known) or (len(header) == 2 and not are_names) else None

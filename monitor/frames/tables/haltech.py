@@ -17,6 +17,8 @@ protocol, whose units the logs share, and public logs.
 """
 
 import re
+import tomllib
+from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
@@ -28,25 +30,8 @@ from monitor.frames.tables.raw_table import DAY_S, RawColumn
 MARK: Final = b"%DataLog%"
 NO_VALUE: Final = float((1 << 23) - 1)
 _ROW: Final = re.compile(r"^\d{1,2}:\d{2}:\d{2}", re.M)
-# type of a channel: (unit, value of one step)
-TYPES: Final = {
-    "EngineSpeed": ("rpm", 1.0),
-    "AbsPressure": ("kPa", 0.1),
-    "Pressure": ("kPa", 0.1),
-    "Percentage": ("%", 0.1),
-    "Angle": ("deg", 0.1),
-    "BatteryVoltage": ("V", 0.001),
-    "Temperature": ("K", 0.1),
-    "Speed": ("km/h", 0.1),
-    "AFR": ("lambda", 0.001),
-    "Time_us": ("ms", 0.001),
-    "Time_ms": ("ms", 1.0),
-    "Time_ms_as_s": ("s", 0.001),
-    "Time_s": ("s", 1.0),
-    "Current_uA_as_mA": ("mA", 0.001),
-    "MassOverTime": ("g/s", 1.0),
-    "MassPerCyl": ("mg", 1.0),
-}
+# of a channel's type: unit, value of one step
+TYPES: Final = tomllib.loads(files("monitor.frames.tables").joinpath("haltech.toml").read_text())
 
 
 def haltech_dialect(path: Path) -> Dialect | None:

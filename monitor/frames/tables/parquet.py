@@ -1,6 +1,8 @@
 """Parquet tables, through polars."""
 
-from collections.abc import Collection
+import os
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -26,6 +28,19 @@ def read_parquet(path: Path, needed: Collection[str] | None) -> tuple[list[str],
     return list(numbers), cells
 
 
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep from stderr what polars' compiled code prints of a damaged file beside its error."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
 def _columns(path: Path) -> dict[str, FloatArray | None]:
     """Return the columns, None for one that holds no numbers."""
     try:
@@ -36,7 +51,7 @@ def _columns(path: Path) -> dict[str, FloatArray | None]:
             f"table as CSV: o2train table {path.name} --out {path.with_suffix('.csv').name}"
         ) from error
     try:
-        with open_regular(path) as file:
+        with open_regular(path) as file, _silent():
             frame = polars.read_parquet(file)
         return {
             name: series.cast(polars.Float64).fill_null(float("nan")).to_numpy()

@@ -8,7 +8,7 @@ from monitor.frames.bounds import head_of
 from monitor.frames.tables import delimited, mlg
 from monitor.frames.tables.raw_table import Pivot, RawTable
 
-TEXT: Final = (".csv", ".msl", ".txt", ".tsv", ".vbo", ".ascii")
+TEXT: Final = (".csv", ".msl", ".txt", ".tsv", ".vbo", ".ascii", ".lvm")
 SUFFIXES: Final = (*TEXT, ".mlg")
 
 

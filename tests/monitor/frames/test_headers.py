@@ -89,6 +89,29 @@ TABLES = {
         + rows(lambda i: f"00:00:0{i / 10},{RPM[i]},{AFR[i] / 14.7}"),
         {"engine_speed_rpm": "RPM", "lambda_measured": "Lambda"},
     ),
+    "units above the names": (
+        "s,rpm,AFR,mph\nTime,RPM,AFR,Speed\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},{40 + i % 9}"),
+        {"engine_speed_rpm": "RPM", "vehicle_speed_km_h": "Speed"},
+    ),
+    "points in thousands beside decimal commas": (
+        "Zeit [ms];Motordrehzahl [1/min];Lambda\n"
+        + rows(lambda i: f"{100 * i:,};{RPM[i]:,};".replace(",", ".") + f"{AFR[i] / 14.7:.4f}")
+        .replace(";0.", ";0,")
+        .replace(";1.0", ";1,0"),
+        {"engine_speed_rpm": "Motordrehzahl [1/min]"},
+    ),
+    "LabVIEW's headers, lines of tabs, and remarks that rows lack": (
+        "Date\t2026/11/28\n***End_of_Header***\t\n\t\t\nDate\t2026/11/28\t2026/11/28\nX0\t0.0\t0.0\n"
+        "***End_of_Header***\t\t\nX_Value\tEngine Speed\tLambda\tComment\n"
+        + rows(lambda i: f"{i / 10}\t{RPM[i]}\t{AFR[i] / 14.7:.4f}" + "\twarm" * (i == 5)),
+        {"engine_speed_rpm": "Engine Speed"},
+    ),
+    "one name for volts and for the quantity, and roles in brackets": (
+        "Time,RPM,MAP,MAP,Lambda (actual),Lambda (specified)\ns,rpm,V,kPa,-,-\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},2.1,{40 + i % 9},{AFR[i] / 14.7:.4f},0.97"),
+        {"manifold_pressure_kpa": "MAP#2", "lambda_target": "Lambda (specified)"},
+    ),
     "padded cells": (
         "TimeStamp; nmot_w    ; mshfm_w   ; lamsoni_w\n  sec.ms ; rpm       ; g/s       ; -\n"
         + rows(lambda i: f"    {i / 10:.3f}; {RPM[i]}      ; {AIR[i]}  ; {AFR[i] / 14.7:.5f}"),
@@ -118,9 +141,9 @@ Proposed = Callable[..., tuple[Table, dict[str, str]]]
 def proposed(tmp_path: Path) -> Proposed:
     """Give what reads a text with the profile proposed for it, and the profile's columns."""
 
-    def read(text: str) -> tuple[Table, dict[str, str]]:
+    def read(text: str, encoding: str = "utf-8") -> tuple[Table, dict[str, str]]:
         path, profile = tmp_path / "drive.csv", tmp_path / "drive.toml"
-        path.write_text(text)
+        path.write_text(text, encoding)
         assert cli.main(["check", str(path), "--write-profile", str(profile), "--force"]) == 0
         signals = tomllib.loads(profile.read_text())["signals"]
         columns = {k: v["column"] if isinstance(v, dict) else v for k, v in signals.items()}
@@ -144,6 +167,18 @@ def test_the_proposed_profile_reads_names_and_units_as_they_stand(
     np.testing.assert_allclose(np.unique(values(table, "engine_speed_rpm")), RPM)
     seen = np.unique(np.round(values(table, "lambda_measured"), 3))
     np.testing.assert_allclose(seen, np.round(np.array(AFR) / 14.7, 3), atol=2e-3)
+
+
+@pytest.mark.parametrize("encoding", ["cp1250", "utf-8"])
+@pytest.mark.parametrize(
+    "names", ["Otáčky motoru;Rychlost vozidla", "Prędkość obrotowa silnika;Prędkość pojazdu"]
+)
+def test_letters_of_central_europe_are_read_in_either_encoding(
+    proposed: Proposed, names: str, encoding: str
+) -> None:
+    text = f"Čas;{names}\ns;1/min;km/h\n" + rows(lambda i: f"{i / 10};{RPM[i]};{40 + i % 9}")
+    _, columns = proposed(text, encoding)
+    assert ";".join(columns[n] for n in ("engine_speed_rpm", "vehicle_speed_km_h")) == names
 
 
 def test_groups_with_clocks_of_their_own_keep_their_times(proposed: Proposed) -> None:
@@ -364,7 +399,7 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("MTX-L (AFR)", 14.7, "lambda_measured", 1.0),
         ("MAP (inHg vac)", 10.0, "manifold_pressure_kpa", None),  # below the air's pressure
         ("RPM (x1000)", 2.0, "engine_speed_rpm", None),
-        ("MAP", 8.0, "manifold_pressure_kpa", 55.16),  # psi
+        ("MAP", 8.0, "manifold_pressure_kpa", None),  # psi or inHg?
         ("TPS", 0.2, "throttle_percent", 20.0),
         ("MAP", 3000.0, "manifold_pressure_kpa", None),
         ("Lambda (-*1000)", 1000.0, "lambda_measured", None),

@@ -1,5 +1,6 @@
 """Parquet tables through polars."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -38,13 +39,17 @@ def test_numbers_flags_and_gaps_are_read(tmp_path: Path) -> None:
         parquet.read_parquet(path, None)
 
 
-def test_a_panic_of_polars_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_panic_of_polars_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     # GIVEN a damaged table on which polars panics, which is no Exception
 
     def panics(_: object) -> None:
+        os.write(2, b"thread '<unnamed>' panicked\n")  # as compiled code does
         raise polars.exceptions.PanicException("assertion failed")
 
     path = written(tmp_path / "t.parquet")
     monkeypatch.setattr(polars, "read_parquet", panics)
     with pytest.raises(RecordingError, match=r"t\.parquet: cannot read the table: damaged"):
         parquet.read_parquet(path, None)
+    assert capfd.readouterr().err == ""
