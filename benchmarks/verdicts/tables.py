@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
+from benchmarks.verdicts.true_tables import true_tables
+from monitor.base.types import FloatArray
 from training.dyno.engine import INJECTIONS, METERINGS, EngineLayout
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.dyno.truth import tables as truth
 from training.ecu_tables import config, fit, signals, tables
 from training.ecu_tables.signals import TableSubject
 from training.recordings.ecu_table import EcuTable, axes_of
@@ -127,12 +128,12 @@ def of_vehicle(vehicle: int, layout: EngineLayout, seconds: float) -> list[dict[
     axes = axes_of(subject.load)
     made = tables.tables(fit.fit(subject), axes, config.defaults())
     degc = [float(np.nanmean(r.column("manifold_temperature_degc"))) for r in recordings]
-    true = {t.key: t for t in truth.tables(own, axes, float(np.mean(degc)))}
+    true = true_tables(own, axes, float(np.mean(degc)))
     return [c for t in made if t.key in true for c in _cells(t, true[t.key], vehicle, layout)]
 
 
 def _cells(
-    table: EcuTable, true: EcuTable, vehicle: int, layout: EngineLayout
+    table: EcuTable, true: FloatArray, vehicle: int, layout: EngineLayout
 ) -> list[dict[str, Any]]:
     return [
         {
@@ -145,7 +146,7 @@ def _cells(
             "estimate": float(table.estimate[at]),
             "low": float(table.low[at]),
             "high": float(table.high[at]),
-            "true": float(true.estimate[at]),
+            "true": float(true[at]),
         }
         for at in np.ndindex(table.estimate.shape)
         if table.samples[at] > 0

@@ -76,6 +76,6 @@ def run(
 
 
 def _emissions(limit: float) -> dict[str, Any]:
-    from training.dyno.truth.tailpipe import proposal
+    from training.dyno.tailpipe import proposal
 
     return {"emissions": proposal(limit)}

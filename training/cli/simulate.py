@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from monitor.base import faults
-from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
-from monitor.base.files.outputs import write_text
 from training.cli.options import Folder, Length
 from training.dyno import downstream, effects
 
@@ -17,7 +14,6 @@ if TYPE_CHECKING:
     from monitor.base.faults import Fault
     from training.dyno.downstream import DownstreamFault
     from training.dyno.engine import EngineLayout
-    from training.dyno.simulation import Experiment
 
 EXAMPLES = """examples:
   o2train simulate --out drives                               healthy WLTC of vehicle 1
@@ -26,7 +22,7 @@ EXAMPLES = """examples:
   o2train simulate --out drives --fault catalyst_low=0.06     a catalyst that stores 0.06 g
   o2train simulate --out drives --effect wall_film=4 --effect purge=2 --count 20
   o2train simulate --out drives --injection port --metering speed_density --format csv \\
-      --period 0.05 --truth truth.json                        a tuner's log and its true tables
+      --period 0.05                                           a tuner's log
 
 All written drives are synthetic. --vehicle fixes the production spread of the vehicle. --seed fixes
 driver, noise and weather. The same command writes the same bytes, except for the time of writing in
@@ -59,8 +55,6 @@ class SimulateCommand:
     fault_start : time at which the fault begins, in seconds
     injection : give the vehicle real injectors and a wall film; a table then holds a tuner's log
     metering : how the ECU of such a vehicle meters air (default: speed_density)
-    truth : write what the tables of such a vehicle should say, as JSON
-    axes : tune whose axes the true tables have
     seed : seed of the first drive
     count : number of drives; every further drive takes the next seed
     duration : end every drive after so many seconds (default: the whole cycle)
@@ -78,8 +72,6 @@ class SimulateCommand:
     effect: Annotated[Sequence[str], REPEATED, "NAME=SEVERITY", _EFFECT] = ()
     injection: Literal["port", "direct"] | None = None
     metering: Literal["maf", "speed_density"] | None = None
-    truth: Annotated[Path | None, paths.written, "FILE"] = None
-    axes: Annotated[Path | None, paths.read, "FILE.msq"] = None
     seed: int = 1
     count: int = 1
     duration: Length | None = None
@@ -132,8 +124,6 @@ def run(args: SimulateCommand) -> int:
             downstream_fault=downstream_fault,
         )
         print(write(experiment, args.out, args.format, args.period))
-        if args.truth is not None and seed == args.seed:
-            _write_truth(experiment, args, args.truth)
     return 0
 
 
@@ -169,33 +159,11 @@ def _layout(args: SimulateCommand) -> "EngineLayout | None":
     """Return the layout of the options; raises UsageError where only a part of it is given."""
     from training.dyno.engine import EngineLayout
 
-    if args.injection is None and (args.metering or args.truth):
-        raise UsageError("--metering and --truth need --injection")
-    if args.axes is not None and args.truth is None:
-        raise UsageError("--axes needs --truth")
+    if args.injection is None and args.metering:
+        raise UsageError("--metering needs --injection")
     if args.injection is None:
         return None
     return EngineLayout(args.injection, args.metering or "speed_density")
-
-
-def _write_truth(experiment: "Experiment", args: SimulateCommand, out: Path) -> None:
-    """Write the true tables of the first drive's vehicle, at that drive's air temperature."""
-    import json
-
-    import numpy as np
-
-    from training.cli.tables import axes_for
-    from training.dyno.simulation import simulate
-    from training.dyno.truth import tables as truth
-    from training.recordings.ecu_table import KPA, MG_PER_STROKE, document
-
-    engine = experiment.engine
-    assert engine is not None
-    axes = axes_for(args.axes, MG_PER_STROKE if args.metering == "maf" else KPA)
-    degc = float(np.mean(simulate(experiment)["manifold_temperature_degc"]))
-    true = document(truth.tables(engine, axes, degc), source="simulated")
-    write_text(out, json.dumps(true, indent=1) + "\n")
-    print(out)
 
 
 def _severity(text: str) -> tuple[str, float]:

@@ -7,9 +7,9 @@ import pytest
 
 from monitor.base.errors import UsageError
 from monitor.base.faults import resolve
+from training.dyno import tailpipe
 from training.dyno.simulation import Experiment
-from training.dyno.truth import tailpipe
-from training.dyno.truth.tailpipe import EmissionLimit, emitted, limits, proposal
+from training.dyno.tailpipe import EmissionLimit, emitted, limits, proposal
 from training.limits.calibration_page import emissions
 
 DRIVES = [Experiment("udds", 8300, 31, duration_s=500.0, downstream=True)]

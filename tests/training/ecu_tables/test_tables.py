@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
+from benchmarks.verdicts.true_tables import true_tables
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.cli import main
@@ -19,7 +20,6 @@ from training.cli.console.share_bar import Share
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.dyno.truth import tables as truth
 from training.ecu_tables.balance import balance, balance_text
 from training.ecu_tables.config import defaults
 from training.ecu_tables.files import csv, tuner_studio
@@ -266,18 +266,6 @@ def test_a_signal_that_a_log_names_without_a_value_is_none(drive: Path) -> None:
     assert subject_of([empty]).samples == subject_of([log]).samples
 
 
-def test_the_truth_has_the_form_of_the_tables(tmp_path: Path) -> None:
-    truth = tmp_path / "truth.json"
-    call = ["simulate", "--out", str(tmp_path), "--injection", "port", "--duration", "30"]
-    assert main([*call, "--format", "csv", "--period", "0.05", "--truth", str(truth)]) == 0
-    document = json.loads(truth.read_text())
-    assert document["schema"] == "o2train.tables/1"
-    delay = document["tables"][0]
-    assert delay["name"] == "lambda_delay"
-    assert np.shape(delay["estimate"]) == tuple(len(a["values"]) for a in delay["axes"])
-    assert 0.0 < np.min(delay["estimate"]) < np.max(delay["estimate"]) < 2.0
-
-
 def test_a_file_gets_lines_with_share_time_left_and_the_best_error_so_far() -> None:
     out, now_s = io.StringIO(), [0.0]
     with Share("tables", out, lambda: now_s[0]) as bar:
@@ -332,10 +320,10 @@ def test_a_reading_that_is_updated_seldomer_than_logged_tells_the_true_lag(tmp_p
     axes, fitted = axes_of(subject.load), fit(subject)
     lag = next(t for t in tables(fitted, axes, defaults()) if t.name == "lambda_lag")
     # THEN nearly all intervals, nine of ten by their claim, hold the true lag
-    true = next(t for t in truth.tables(experiment.engine, axes, 25.0) if t.name == "lambda_lag")
+    true = true_tables(experiment.engine, axes, 25.0)["lambda_lag"]
     filled = np.isfinite(lag.estimate)
     assert filled.sum() >= 5
-    held_true = (lag.low <= true.estimate) & (true.estimate <= lag.high)
+    held_true = (lag.low <= true) & (true <= lag.high)
     assert held_true[filled].mean() >= 0.8
     # AND a value counts for the time until the next, in cells and in the steady balance
     assert lag.seconds.sum() > 0.9 * 0.05 * subject_of([log]).samples

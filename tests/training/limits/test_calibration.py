@@ -19,9 +19,9 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.simulated_drives import WARM
 from training.cli import main
+from training.dyno import tailpipe
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.dyno.truth import tailpipe
 from training.limits.calibration import calibrate
 from training.limits.calibration_page import detection
 from training.limits.evaluation import evaluate
