@@ -90,10 +90,14 @@ def _check(args: CheckOptions, path: Path | None) -> int:
         result = check(log_blocks(path, setup.bus_map, log), setup.bus_map)
     else:
         poller = obd_poller(args, setup.bus_map) if args.obd else None
-        block, health = heard(args.bus, args.seconds, poller)
-        result = check([block], setup.bus_map)
+        block, health, silent_s = heard(args.bus, args.seconds, poller)
+        result = check([block], setup.bus_map, silent_s)
         if poller:
-            _say_polled(poller, health)
+            poller.close()
+            if not poller.counters.answers:
+                say("nobody answers: ignition off, a listen-only interface, or a gateway between?")
+        if health.transmit_errors:
+            say(f"{health.transmit_errors} could not be sent")
     notes = [*(f"log: {n}" for n in log.notes), *(f"database: {n}" for n in setup.bus_map.notes)]
     say("\n".join([*([path.name] if path else []), *result.lines(), *notes]))
     return _concluded(result, setup, path, result.stale)
@@ -159,15 +163,16 @@ def _write_profile(logs: Sequence[Path], out: Path) -> int:
 
 def heard(
     bus: argparse.Namespace, seconds: float, poller: "ObdPoller | None" = None
-) -> "tuple[FrameBlock, BusHealth]":
-    """Return what a bus brings: the frames with those that the poller makes, and its health.
+) -> "tuple[FrameBlock, BusHealth, float]":
+    """Return a bus's frames with those that the poller makes, its health, and the silence at the
+    end in s.
 
     seconds : time to listen
     """
     from monitor.bus.link.port import ANSWER_S, BusHealth, Port
     from monitor.frames.blocks import block_of, frames_of, joined
 
-    health, blocks = BusHealth(), [block_of([])]
+    health, blocks, heard_s = BusHealth(), [block_of([])], time.monotonic()
     with open_bus(bus) as opened:
         port = Port(opened, health)
         until_s = time.monotonic() + seconds
@@ -176,16 +181,9 @@ def heard(
                 port.send(request)
             due_s = min(poller.due_s, until_s) if poller else until_s
             block = port.receive(min(max(due_s - now_s, 0.0), ANSWER_S))
+            heard_s = time.monotonic() if len(block.key) else heard_s
             if poller:
                 frames = ((frame, *poller.receive(frame)) for frame in frames_of(block))
                 block = block_of([each for group in frames for each in group])
             blocks.append(block)
-    return joined(blocks), health
-
-
-def _say_polled(poller: "ObdPoller", health: "BusHealth") -> None:
-    poller.close()
-    if not poller.counters.answers:
-        say("nobody answers: ignition off, a listen-only interface, or a gateway in between?")
-    if health.transmit_errors:
-        say(f"{health.transmit_errors} could not be sent")
+    return joined(blocks), health, time.monotonic() - heard_s

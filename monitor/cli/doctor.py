@@ -142,7 +142,7 @@ def _listened(args: DoctorOptions, interface: "Interface | None") -> "Iterator[B
     from monitor.report.check import check
 
     setup = set_up(args, judges=False)
-    block, health = heard(args.bus, args.seconds)
+    block, health, silent_s = heard(args.bus, args.seconds)
     say(
         f"listened  {args.seconds:g} s: {counted(len(block.key), 'frame')} of "
         f"{counted(len(set(block.key.tolist())), 'identifier')}, "
@@ -154,7 +154,7 @@ def _listened(args: DoctorOptions, interface: "Interface | None") -> "Iterator[B
     seen = findings.messages(block, setup.bus_map, args.seconds)
     if any(each.seen_hz for each in seen):
         say("\n".join([findings.HEAD, *(each.line for each in seen)]))
-    result = check([block], setup.bus_map)
+    result = check([block], setup.bus_map, silent_s)
     whose = " and ".join(dbc.name for dbc, _ in setup.bus_map.pairs)
     whose += "" if args.pairs else " (the project's own ECU: no --dbc and --map are given)"
     yield from findings.of_messages(seen, block, result, whose)

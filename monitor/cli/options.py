@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import BusFiles, Input, Output, SettingsFile
 from monitor.base.counts import plain
-from monitor.base.errors import BusError
+from monitor.base.errors import BusError, UsageError
 
 if TYPE_CHECKING:
     import can
@@ -99,6 +99,11 @@ class ObdOptions:
     obd_rate: Hertz = 12.0
     obd_optional: bool = False
     obd_request: Annotated[int | None, hexadecimal, "ID"] = None
+
+    def __post_init__(self) -> None:
+        """Raise UsageError for options without effect."""
+        if not self.obd and (self.obd_optional or self.obd_request is not None):
+            raise UsageError("--obd-optional and --obd-request need --obd")
 
 
 def say(line: str, stream: TextIO | None = None) -> None:

@@ -65,6 +65,8 @@ def run(args: ReplayOptions) -> int:
             )
             recordings.append(recording)
             traces.append(trace)
+            if args.sink and "limits" not in recording:
+                warn(f"{log}: is judged without a model, so the sinks get nothing of it")
             for line in () if args.quiet else print_recording(recording, windows=args.windows):
                 say(line)
     write_outputs(args, setup, recordings, traces)

@@ -50,19 +50,10 @@ exit code: 0 done, 2 the bus cannot be used, 3 nothing could be judged"""
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveOptions:
-    """The live page.
-
-    live : serve a live page at this address; PORT alone means 127.0.0.1:PORT
-    """
-
-    live: Annotated[PageAddress | None, parse, "HOST:PORT"] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, SinkOptions):
+class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, SinkOptions):
     """Options of a run.
 
+    live : serve a live page at this address; PORT alone means 127.0.0.1:PORT
     duration : stop after this time in s
     record : write all frames to this log (.log .asc .blf .trc .csv); if it exists, a number is
         added to the name
@@ -70,6 +61,7 @@ class RunOptions(JudgeOptions, DiagnosticsOptions, ObdOptions, LiveOptions, Sink
     """
 
     bus: Bus
+    live: Annotated[PageAddress | None, parse, "HOST:PORT"] = None
     duration: Seconds | None = None
     record: Annotated[Path | None, paths.numbered, "LOG"] = None
     quiet: Quiet = False
@@ -142,7 +134,7 @@ def _views(args: RunOptions, loop: "Loop", out: "Out") -> "Iterator[Attachment]"
 
 
 def _live_feed(
-    args: LiveOptions, setup: "Setup", loop: "Loop", channel: str, say: Callable[[str], None]
+    args: RunOptions, setup: "Setup", loop: "Loop", channel: str, say: Callable[[str], None]
 ) -> "Iterator[LiveFeed]":
     """Start the page's server if ``--live`` is given, say its address and yield what feeds it.
 

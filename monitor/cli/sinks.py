@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 from monitor.base.command_line.signature import REPEATED
+from monitor.base.errors import UsageError
 from monitor.cli.options import Hertz
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ def open_sinks(args: SinkOptions) -> "list[tuple[str, Sink]]":
 
     Raises UsageError if one cannot be had.
     """
-    if not args.sink:
-        return []
+    if args.sink_tag and not args.sink:
+        raise UsageError("--sink-tag needs --sink")
     from monitor.sinks.address import open_sink, shown
 
     return [(shown(address), open_sink(address, dict(args.sink_tag))) for address in args.sink]

@@ -28,8 +28,6 @@ RANGES: Final = {
 SHOWN: Final = 60  # characters of a wrong value in a message
 _CARD: Final = "model card"
 _GONE: Final = ("fuel_cut", "region")  # fields that older cards have
-
-
 USUAL_PREDICTION: Final = "lambda_hat"  # the graph's output in models of any output, once
 
 
@@ -261,8 +259,9 @@ def _problems(card: ModelCard) -> Iterator[str]:
         if not least <= getattr(card, name) <= most:
             yield f"{name} is {_shown(getattr(card, name))}, wanted {least} to {most}"
     contraction = card.checks.get("contraction", {})
-    samples = contraction.get("samples", 0) if isinstance(contraction, dict) else contraction
-    if type(samples) is not int or not 0 <= samples <= MEMORY_MOST:
+    is_object = isinstance(contraction, dict)
+    samples = contraction.get("samples", 0) if is_object else contraction
+    if not is_object or type(samples) is not int or not 0 <= samples <= MEMORY_MOST:
         yield f"checks.contraction has {_shown(samples)}, wanted samples from 0 to {MEMORY_MOST}"
     if card.residual_std < 0.0:
         yield f"residual_std is {card.residual_std}, wanted 0 or more"

@@ -115,10 +115,8 @@ class CheckResult:
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the table."""
-        yield (
-            f"{'signal':<28}{'unit':<11}{'rate':>8}{'age':>8}"
-            f"{'minimum':>12}{'maximum':>12}  verdict"
-        )
+        numbers = f"{'rate':>8}{'age':>8}{'minimum':>12}{'maximum':>12}"
+        yield f"{'signal':<28}{'unit':<11}{numbers}  verdict"
         for s in self.signals:
             if s.count:
                 age_s = (self.end_ns - s.last_ns) / 1e9
@@ -148,9 +146,10 @@ def held_up(recording: OpenRecording, card: ModelCard, config: Config) -> list[C
     return causes(observation.observed(), Asked(card, config, recording.sources))
 
 
-def check(blocks: Iterable[FrameBlock], bus_map: BusMap) -> CheckResult:
+def check(blocks: Iterable[FrameBlock], bus_map: BusMap, silent_s: float = 0.0) -> CheckResult:
     """Return counts and range of every mapped signal over the frames.
 
+    silent_s : for how long nothing has come since
     Optional signals are among them if they came.
     """
     decoder = BlockDecoder(bus_map, (*bus_map.names, *bus_map.optional))
@@ -172,4 +171,4 @@ def check(blocks: Iterable[FrameBlock], bus_map: BusMap) -> CheckResult:
     there = tuple(
         s for s in seen if s.name not in bus_map.optional or s.count or s.invalid or s.out_of_range
     )
-    return CheckResult(there, n, end_ns, rejected, derived)
+    return CheckResult(there, n, end_ns + round(silent_s * 1e9), rejected, derived)

@@ -101,11 +101,9 @@ def test_what_does_not_go_together_is_refused(
 
 def test_a_name_that_xml_cannot_hold_is_escaped(tmp_path: Path) -> None:
     report = tmp_path / "r.xml"
-    write_junit(
-        report, "o2mon.replay", [JunitCase('a\x1b"<\udcff>.log', "x\x00y", "no & <b>", "P1")]
-    )
-    root = ElementTree.parse(report).getroot()
-    [[case]] = root
+    odd = JunitCase('a\x1b"<\udcff>.log', "x\x00y", "no & <b>", "P1")
+    write_junit(report, "o2mon.replay", [odd])
+    [[case]] = ElementTree.parse(report).getroot()
     assert case.get("name") == 'a\\x1b"<\\udcff>.log'
     assert case[0].get("message") == "no & <b>"
     assert case[0].text == "x\\x00y"

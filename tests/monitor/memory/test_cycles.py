@@ -211,9 +211,8 @@ def test_a_signal_that_is_not_provided_asks_for_nothing() -> None:
     names = ("lambda_measured", "engine_speed_rpm", "vehicle_speed_km_h")
     assert count("general_denominator", START, DRIVE, CITY, IDLE, names=names) == 1
     # but what is driven and warmed up cannot be known without its own signal
-    names = ("lambda_measured", "engine_speed_rpm")
+    cold, names = replace(START, coolant_degc=20.0), ("lambda_measured", "engine_speed_rpm")
     assert count("general_denominator", START, DRIVE, CITY, IDLE, names=names) == 0
-    cold = replace(START, coolant_degc=20.0)
     assert count("warm_up", cold, DRIVE, names=names) == 0
 
 
@@ -307,5 +306,5 @@ def test_the_counts_depend_neither_on_where_blocks_begin_nor_on_the_order_of_the
             driven += [(begin + k, each) for k, each in part.driven]
         return moments, driven
 
-    whole = found(list(range(len(NAMES))), [0, n])
-    assert found(order, [0, *sorted(k for k in cuts if k < n), n]) == whole
+    cut = [0, *sorted(k for k in cuts if k < n), n]
+    assert found(order, cut) == found([*range(len(NAMES))], [0, n])

@@ -151,14 +151,8 @@ def test_a_read_only_file_system_is_one_line_and_exit_code_2(tmp_path: Path, is_
     command = [*cli, *(("replay", log) if is_new else ("dtc", "clear")), "--memory", path]
     make = f"{sys.executable} -m benchmarks.damage.killing.driven_memory make {path} && "
     then = f"{'' if is_new else make}mount -o remount,ro {tmp_path}"
-    done = subprocess.run(
-        mounted(command, tmp_path, then),
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
+    words = mounted(command, tmp_path, then)
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith(f"o2mon: {path}: cannot open the fault memory")

@@ -66,16 +66,14 @@ def test_two_drives_in_one_stream_are_judged_as_in_two_recordings(
     # THEN the same codes become pending and confirmed
     assert codes(apart[0]) == [("P015A", "pending")]
     assert codes(apart[1])[-1] == ("P015A", "confirmed")
-    in_stream = [event for event in codes(stream) if event[0] == "P015A"]
-    assert in_stream[0] == ("P015A", "pending")
-    assert in_stream[-1] == ("P015A", "confirmed")
+    in_stream = [state for code, state in codes(stream) if code == "P015A"]
+    assert (in_stream[0], in_stream[-1]) == ("pending", "confirmed")
     assert sum(isinstance(event, CycleStarted) for event in stream) == 1
     assert [d.status for d in one.all if d.code == "P015A"] == [0xAF]
     assert [d.status for d in two.all if d.code == "P015A"] == [0xAF]
     assert one.permanent == two.permanent == ("P015A",)
     assert one.counts.ignition_cycles == two.counts.ignition_cycles == 2
-    ratios = {r.test: r.numerator for r in one.ratios}
-    assert ratios["response"] == 2
+    assert {r.test: r.numerator for r in one.ratios}["response"] == 2
 
 
 def test_a_code_keeps_the_signals_of_its_setting_beside_the_latest_results_of_service_06(

@@ -56,12 +56,18 @@ def test_a_signal_map_says_where_the_catalyst_stands(tmp_path: Path) -> None:
     assert cli.main(["replay", str(log), *bus]) == 2
 
 
-def test_a_catalyst_that_stores_is_sound_and_nothing_else_is_said(tmp_path: Path) -> None:
+def test_a_catalyst_that_stores_is_sound_and_nothing_else_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     code, recording = replayed(a_table(tmp_path, stores=True), tmp_path)
     assert (code, recording["dtcs"], recording["not_judged"]) == (0, [], None)
     assert any("only the catalyst" in note for note in recording["notes"])
     said = "catalyst passed, nothing else was judged."
     assert (tmp_path / "out.html").read_text().lower().count(said) == 2  # verdict and confidence
+    # AND a sink that gets nothing of it is told of
+    lines = f"jsonl:{tmp_path / 'out.jsonl'}"
+    assert cli.main(["replay", str(tmp_path / "drive.csv"), "--sink", lines]) == 0
+    assert "without a model, so the sinks get nothing of it" in capsys.readouterr().err
     # WHEN its memory is new because the one before was damaged THEN no more was judged
     memory = tmp_path / "o2.db"
     memory.write_bytes(b"o2mon torn")

@@ -12,7 +12,7 @@ from monitor.base.command_line import signature
 from monitor.base.errors import RecordingError, UsageError
 from monitor.bus.diagnostics.server import Diagnostics, answer
 from monitor.bus.loop import Loop
-from monitor.cli import diagnostics
+from monitor.cli import diagnostics, main
 from monitor.memory.dtc_store import Saved
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
@@ -43,6 +43,14 @@ def test_nothing_is_answered_unless_transmitting_is_asked_for() -> None:
 def test_options_of_diagnostics_need_transmitting(words: tuple[str, ...]) -> None:
     with pytest.raises(UsageError, match="only with --transmit"):
         attached(*words)
+    if words[0] != "--diagnostics-id":
+        with pytest.raises(UsageError, match="not with --diagnostics-id none"):
+            attached("--transmit", "--diagnostics-id", "none", *words)
+
+
+@pytest.mark.parametrize("option", ["--obd-optional", "--obd-request=7E0", "--sink-tag=car=7"])
+def test_an_option_without_the_one_that_it_belongs_to_is_refused(option: str) -> None:
+    assert main(["run", "-i", "virtual", "-c", "q", "--duration", "0.1", option]) == 2
 
 
 def test_with_transmit_the_monitor_answers_as_the_second_control_unit() -> None:

@@ -111,15 +111,9 @@ def test_the_ratio_of_a_code_is_that_of_its_test() -> None:
 @pytest.mark.parametrize(
     ("request_", "code"),
     [
-        ("19", "13"),
-        ("19 02", "13"),
-        ("19 04 01 33 00", "13"),
+        *((each, "13") for each in ("19", "19 02", "19 04 01 33 00")),
         ("19 05 01", "12"),
-        ("05", "11"),
-        ("22 F1 90", "11"),
-        ("27 01", "11"),
-        ("31 01 00 00", "11"),
-        ("7F", "11"),
+        *((each, "11") for each in ("05", "22 F1 90", "27 01", "31 01 00 00", "7F")),
     ],
 )
 def test_what_cannot_be_answered_is_refused_with_its_reason(request_: str, code: str) -> None:
