@@ -17,8 +17,8 @@ from benchmarks.studies.sensor.plan import Matrix
 from monitor.base import config
 from monitor.base.command_line import command
 from monitor.base.command_line import option_paths as paths
+from monitor.base.files.manifest import sha256_of
 from monitor.pipeline.replay import shipped_model
-from training.recordings.recording import sha256
 
 
 def main(argv: list[str]) -> int:
@@ -34,7 +34,10 @@ def _run(args: argparse.Namespace) -> int:
     chunks = run.chunks(matrix, args.model)
     total = sum(chunk.count for chunk in chunks.values())
     made = partial(tables.report, matrix, args.model.name)
-    digests = {"model_sha256": sha256(args.model), "config_sha256": runner.config_sha256(settings)}
+    digests = {
+        "model_sha256": sha256_of(args.model),
+        "config_sha256": runner.config_sha256(settings),
+    }
     with runner.running("matrix", args, matrix, total, made, **digests) as place:
         run.run(matrix, chunks, args.model, settings, place)
     return 0

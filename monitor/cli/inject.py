@@ -137,14 +137,14 @@ def _drives(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[
 
 def _place(args: InjectOptions, n_drives: int, drive: int) -> Path | None:
     """Return the file to write for a drive: the one of --out, with the number of the drive."""
-    from monitor.base.files.outputs import check, check_replaced, numbered
+    from monitor.base.files.outputs import check, numbered
 
     if args.out is None or n_drives == 1:
         return args.out
     out = numbered(args.out, drive)
     check((out,), (args.log, *args.scenario, *args.dbc, *args.map))
     if not args.bus.force:
-        check_replaced((out,))
+        paths.check_replaced((out,))
     return out
 
 

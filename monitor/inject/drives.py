@@ -1,12 +1,13 @@
 """The drives of a scenario: a log or table with its faults, written, judged or both."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
 
 from monitor.base.errors import UsageError
+from monitor.base.files.manifest import note
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters, frames_of
@@ -14,9 +15,11 @@ from monitor.grid.tables import Table, is_table
 from monitor.grid.timeline import Timeline
 from monitor.inject.expected import FrameJudge, Recording, fresh_memory
 from monitor.inject.gateway import write_log
+from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.scenario import Scenario
 from monitor.inject.table_faults import with_faults, write_own
+from monitor.memory.codes import CODES
 from monitor.memory.store import Memory
 from monitor.pipeline.recordings import RecordingReader, table_of_model
 from monitor.pipeline.replay import Setup, judged
@@ -79,6 +82,7 @@ def _log_drive(
     frames = chain([first], frames)
     if out:
         write_log(out, frames, setup.bus_map.log_channel)
+        _note(out, log, scenario.faults_of(drive))
     deque(frames, maxlen=0)
     counts = injector.counts
     counts.changed.update(timeline.counters.found | {"error and remote frames": found.skipped})
@@ -99,8 +103,16 @@ def _table_drive(
     changed, n = with_faults(table, scenario.faults_of(drive), scenario.seed_of(drive))
     if out:
         write_own(out, changed)
+        _note(out, table.path, scenario.faults_of(drive))
     say(f"{out or table.path}: lambda changed in {n} of {len(changed.t_ns)} rows")
     if memory is None:
         return None
     reader = RecordingReader(setup.bus_map, setup.model.card)
     return judged(reader.table(changed), None, setup, memory)[0]
+
+
+def _note(out: Path, origin: Path, faults: Sequence[Injection]) -> None:
+    """Name a written drive in the manifest beside it, with the first fault that has a code."""
+    first = next((each for each in faults if each.name in CODES), None)
+    said = {"fault": first.name, "severity": first.severity, "in_the_loop": False} if first else {}
+    note(out, origin, **said)

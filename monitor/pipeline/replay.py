@@ -1,6 +1,5 @@
 """Replays recordings through the pipeline as fast as possible."""
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -10,8 +9,8 @@ from typing import Any
 import dbc
 from monitor import __version__
 from monitor.base.config import Config, ProfileConfig
-from monitor.base.errors import MissingSignalsError, RecordingError
-from monitor.base.files.manifest import source_of
+from monitor.base.errors import MissingSignalsError
+from monitor.base.files.manifest import entry_of, sha256_of
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.grid.block_samples import Clearing
 from monitor.grid.tables import Table
@@ -75,18 +74,6 @@ def set_up(
     return Setup(loaded, limits, config.with_catalyst(bus_map.catalyst_position), bus_map, columns)
 
 
-def sha256_of(path: Path) -> str:
-    """Return the sha256 of a file.
-
-    Raises RecordingError if it cannot be read.
-    """
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}") from None
-
-
 def replay(
     path: Path,
     setup: Setup,
@@ -114,7 +101,7 @@ def replay(
         series = without_model.series(table)
     else:
         recording, series = judged(opened, sha256, setup, memory, trace=trace, listeners=listeners)
-    return recording | {"source": source_of(path, sha256)}, series
+    return recording | {"source": entry_of(path, sha256).get("source")}, series
 
 
 def _without_model(

@@ -124,11 +124,11 @@ def _period_s(model: Path) -> float:
 
 def _vehicle(material: "Material") -> dict[str, Any]:
     """Return digests of model, code and healthy recordings; equal ones give equal behaviour."""
+    from monitor.base.files.manifest import sha256_of
     from training.jobs.run_folder import code_sha256
-    from training.recordings.recording import sha256
 
     return {
-        "model": sha256(material.model),
+        "model": sha256_of(material.model),
         "code": code_sha256(),
         "healthy": [(r.path.name, r.read_sha256) for r in material.healthy],
     }

@@ -34,6 +34,7 @@ def run(
     import sys
 
     from monitor.base.errors import UsageError
+    from monitor.base.files.manifest import note
     from monitor.decode.bus_map import load_pairs
     from monitor.frames.blocks import LATEST_S
     from monitor.grid.tables import read_table
@@ -49,6 +50,7 @@ def run(
     start_ns = None if start is None else round(start * 1e6) * 1000
     frames = broadcast(bus_map, read.t_ns, values, start_ns)
     write_log(out, frames)
+    note(out, table)
     sent = sorted(set(read.names) & set(bus_map.channels))
     lost = sorted(set(bus_map.names) - set(sent))
     print(f"sent {', '.join(sent)}; not available: {', '.join(lost) or 'none'}")

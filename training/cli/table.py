@@ -30,6 +30,7 @@ def run(
     signals : signals to write (default: all)
     Raises RecordingError or UsageError (exit code 2).
     """
+    from monitor.base.files.manifest import note
     from training.recordings.recording import load, write_table
 
     found = load(
@@ -42,6 +43,7 @@ def run(
     )
     tell_notes([found])
     write_table(out, found.t_s, found.names, found.values)
+    note(out, recording)
     good = int((found.quality == 0).sum())
     print(
         f"{out}: {len(found.t_s)} samples of {found.period_ns / 1e9:g} s, "

@@ -10,7 +10,7 @@ from monitor.base.files import manifest
 from training.dyno import downstream, ecu, logger
 from training.dyno.simulation import Experiment, simulate
 from training.recordings.files.can_log import write_log
-from training.recordings.recording import sha256, write_table
+from training.recordings.recording import write_table
 
 TABLES = ("parquet", "csv", "csv.gz")
 
@@ -25,7 +25,7 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
     RecordingError if the file cannot be written.
     """
     path = folder / f"{experiment.name}.{suffix}"
-    if path.exists() and manifest.source_of(path, sha256(path)) != "simulated":
+    if path.exists() and manifest.entry_of(path).get("source") != "simulated":
         raise UsageError(f"{path}: is there already and no simulated drive; choose another folder")
     signals = simulate(experiment)
     if suffix in TABLES and experiment.layout is not None:
@@ -52,7 +52,7 @@ def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
     fault = experiment.fault
     return {
         "file": path.name,
-        "sha256": sha256(path),
+        "sha256": manifest.sha256_of(path),
         "source": "simulated",
         "cycle": experiment.cycle,
         "vehicle": experiment.vehicle,

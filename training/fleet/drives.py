@@ -16,7 +16,6 @@ from typing import Any, Final
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files import manifest
 from training.fleet import places
-from training.recordings.recording import sha256
 
 SIDE_BY_SIDE: Final = 32  # most vehicles of a chunk
 LEAST_SIDE: Final = 4  # most vehicles of a chunk in a small fleet, so that several cores work
@@ -137,7 +136,7 @@ def _copies(paths: Iterable[str]) -> dict[str, str]:
     copies = {}
     for path in alike:
         with suppress(OSError):
-            earlier = first.setdefault(sha256(Path(path)), path)
+            earlier = first.setdefault(manifest.sha256_of(Path(path)), path)
             if earlier != path:
                 copies[path] = earlier
     return copies

@@ -8,6 +8,7 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.errors import RecordingError
+from monitor.base.files.manifest import sha256_of
 from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import Enable
@@ -66,7 +67,7 @@ class FleetReader:
             clearings,
             counters,
             unavailable=Enable.of(self._config.enable, names, self._card).unavailable,
-            sha256=recording.sha256(path),
+            sha256=sha256_of(path),
             size_bytes=path.stat().st_size,
         )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from monitor.base.files.manifest import sha256_of
 from monitor.base.files.outputs import write_text
 from monitor.model.card import TrainingRecording
 from training.gap.add.addition import Addition
@@ -18,7 +19,7 @@ from training.gap.response.difference import Difference
 from training.gap.verify.evidence import Verification
 from training.greybox.effects.empirical import formula
 from training.jobs.json_tree import json_tree
-from training.recordings.recording import Recording, sha256, training_recording
+from training.recordings.recording import Recording, training_recording
 
 SCHEMA: Final = "o2train.gap/1"
 HELD_OUT_DRIVES: Final = "recordings that no fit saw"
@@ -52,7 +53,7 @@ class Inputs:
     ) -> "Inputs":
         """Return the inputs with hashes; roles : recordings, healthy ones, those that verify."""
         new, healthy, verify = (tuple(map(training_recording, each)) for each in roles)
-        return cls(model, sha256(model), kind, new, healthy, verify, sensor_known_good, unit)
+        return cls(model, sha256_of(model), kind, new, healthy, verify, sensor_known_good, unit)
 
     @property
     def simulated(self) -> tuple[bool, ...]:

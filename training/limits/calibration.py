@@ -19,7 +19,7 @@ from training.limits.judging import judge_recordings, why_not
 from training.limits.rates import rate
 from training.limits.side_by_side import Judged
 from training.limits.trust import trust_of
-from training.recordings.recording import Recording, check_each_once, sha256
+from training.recordings.recording import Recording, check_each_once
 
 SCHEMA = "o2train.calibrate/2"
 Drives = Sequence[tuple[Recording, Judged]]
@@ -54,7 +54,7 @@ def calibrate(
     return card, {
         "schema": SCHEMA,
         "model": path.name,
-        "model_sha256": sha256(path),
+        "model_sha256": manifest.sha256_of(path),
         "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
         "limits": [
             {"name": name, "before": before[name].value if name in before else None, **asdict(own)}
@@ -75,17 +75,15 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
         check_each_once((*before, *drives))
         for recording in drives:
             entry = _entry(recording)
-            fault = entry.get("fault")
+            fault = entry.get("fault", "")  # None: known to be healthy
             if kind == "healthy" and fault:
                 raise UsageError(f"{recording.path}: given as healthy, its manifest says {fault}")
-            if kind == "faulty" and entry and not fault:
+            if kind == "faulty" and fault is None:
                 raise UsageError(f"{recording.path}: given as faulty, its manifest says healthy")
 
 
 def _entry(recording: Recording) -> dict[str, Any]:
-    """Return the manifest entry of a recording, {} without an entry for this file content."""
-    entry = manifest.load(Path(recording.path).parent).get(Path(recording.path).name, {})
-    return entry if entry.get("sha256") == recording.sha256 else {}
+    return manifest.entry_of(Path(recording.path), recording.sha256)
 
 
 def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from monitor.base import config
 from monitor.base.config import Config
 from monitor.base.counts import counted, plain
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.files.manifest import source_of
+from monitor.base.files.manifest import entry_of
 from monitor.base.types import FloatArray
 from monitor.judge.limits import Limits
 from monitor.model.step import Model, from_model_units, to_model_units
@@ -140,7 +140,7 @@ def _one(model: Model, recording: Recording, washout: int) -> dict[str, Any]:
     result: dict[str, Any] = {
         "path": str(recording.path),
         "sha256": recording.sha256,
-        "source": source_of(Path(recording.path), recording.sha256),
+        "source": entry_of(Path(recording.path), recording.sha256).get("source"),
     }
     result |= _figures(model, measured, free, one_step, scored)
     enabled = scored & enabled_samples(recording, model.card, config.load())

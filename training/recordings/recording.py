@@ -16,7 +16,7 @@ import numpy as np
 import dbc
 from monitor.base.counts import duration
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.files.manifest import source_of
+from monitor.base.files.manifest import entry_of, sha256_of
 from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray, IntArray, Quality, QualityArray, SampleBlock, Shown
 from monitor.decode.block_decoder import BlockDecoder
@@ -33,7 +33,7 @@ from monitor.model.card import TrainingRecording
 from training.recordings.files.measurement import is_measurement, read_measurement, union_of_times
 from training.recordings.files.table_files import write_table
 
-__all__ = ["Recording", "default_pairs", "load", "log_block", "sha256", "write_table"]
+__all__ = ["Recording", "default_pairs", "load", "log_block", "write_table"]
 
 Pairs = Sequence[tuple[str | Path, str | Path]]
 ROWS_APART_MOST_S: Final = 60.0  # in the median
@@ -131,7 +131,7 @@ def load(
                 f"{path}: no frame holds a good value of {', '.join(got[:3])}"
                 f"{', …' if len(got) > 3 else ''}; wrong --dbc or --map?"
             )
-    return _of_block(path, sha256(path), got, period_ns, block, profile, notes)
+    return _of_block(path, sha256_of(path), got, period_ns, block, profile, notes)
 
 
 def of_columns(columns: Any, name: str, period_s: float | None = None) -> Recording:
@@ -250,19 +250,13 @@ def log_block(
     return whole(log_samples(blocks, decoder, assembler), len(names))[0]
 
 
-def sha256(path: Path) -> str:
-    """Return the file's sha256 as hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def training_recording(recording: Recording, n_samples: int | None = None) -> TrainingRecording:
     """Return a recording as model cards and results name it, with its source.
 
     n_samples : samples that were used; default all of them
     """
     path, used = recording.path, len(recording.values) if n_samples is None else n_samples
-    source = source_of(path, recording.sha256) or ""
+    source = entry_of(path, recording.sha256).get("source") or ""
     return TrainingRecording(path.name, recording.sha256, used, source)
 
 

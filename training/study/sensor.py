@@ -107,8 +107,8 @@ def residuals(run: FreeRun, edges: FloatArray, j: Mapping[str, float]) -> dict[s
 def _named(recording: Recording) -> tuple[str, str]:
     """Return the fault of a faulty recording and its origin, from the manifest if it has one."""
     path = Path(recording.path)
-    entry = manifest.load(path.parent).get(path.name, {})
-    if entry.get("sha256") != recording.sha256 or not entry.get("fault"):
+    entry = manifest.entry_of(path, recording.sha256)
+    if not entry.get("fault"):
         return path.name, "as recorded"
     severity = entry.get("severity")
     name = f"{entry['fault']} {severity:g}" if severity is not None else str(entry["fault"])

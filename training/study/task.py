@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.files.manifest import source_of
+from monitor.base.files.manifest import entry_of
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Prepared, prepare
 from training.study.narx.candidates import CANDIDATES
@@ -107,7 +107,7 @@ class Task:
 
 def source(recordings: Sequence[Recording]) -> str:
     """Return ``simulated``, ``recorded`` or both in words, by the recordings' manifests."""
-    simulated = [source_of(Path(r.path), r.sha256) == "simulated" for r in recordings]
+    simulated = [entry_of(Path(r.path), r.sha256).get("source") == "simulated" for r in recordings]
     if all(simulated):
         return "simulated"
     return "simulated and recorded" if any(simulated) else "recorded"

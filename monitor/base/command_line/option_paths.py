@@ -10,7 +10,7 @@ another names that option ``changed_in_place``.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -96,7 +96,19 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     manifests = [path.parent / manifest.NAME for path in of(read)]
     outputs.check(goals, [*inputs, *manifests, *memories])
     if not getattr(args, "force", False):
-        outputs.check_replaced(replaced)
+        check_replaced(replaced)
+
+
+def check_replaced(goals: Iterable[Path]) -> None:
+    """Raise UsageError if a file stands in the place of an output and is no result of a command.
+
+    Recordings carry no mark; a manifest names those that a command made. Nothing names files to
+    edit by hand, so they are never replaced.
+    """
+    for path in goals:
+        own = not path.is_file() or not path.stat().st_size or outputs.is_own(path)
+        if not own and not manifest.entry_of(path):
+            raise UsageError(f"{path}: is there already; --force replaces it")
 
 
 def _further(args: argparse.Namespace, fact: str) -> list[Path]:

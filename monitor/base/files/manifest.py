@@ -1,19 +1,22 @@
 """Manifests: a ``manifest.json`` beside recordings says where they come from.
 
-A result about simulated recordings must say that they are simulated; a replay reads that here.
+A result about simulated recordings must say that they are simulated; a replay reads that here. By
+its sha256 here a command knows a recording that it made: a frame log has no place for a mark.
 """
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.errors import RecordingError
 from monitor.base.files.inputs import read_small
-from monitor.base.files.outputs import write_text
+from monitor.base.files.outputs import is_stream, write_text
 
 NAME: Final = "manifest.json"
 SCHEMA: Final = "o2mon.manifest/1"
 _MOST_BYTES: Final = 64 << 20  # 100,000 recordings take 40 MB
+_KEPT: Final = ("source", "fault", "severity", "in_the_loop")  # in the entry of a copy
 
 
 def load(folder: Path) -> dict[str, dict[str, Any]]:
@@ -44,13 +47,37 @@ def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
     write_text(folder / NAME, text + "\n")
 
 
-def source_of(path: Path, sha256: str) -> str | None:
-    """Return the source of a recording; None if no manifest names this file with this sha256."""
-    entry = load(path.parent).get(path.name)
-    if entry is None or entry.get("sha256") != sha256:
-        return None
-    source = entry.get("source")
-    return str(source) if source else None
+def note(path: Path, origin: Path, **more: object) -> None:
+    """Name a recording made of another in the manifest beside it, with what is known of that one.
+
+    more : replaces what the other's entry says. Another program's ``manifest.json`` stays as it is.
+    """
+    if is_stream(path) or ((path.parent / NAME).exists() and not _is_ours(path.parent / NAME)):
+        return
+    known = {key: value for key, value in entry_of(origin).items() if key in _KEPT}
+    entry = known | more | {"file": path.name, "sha256": sha256_of(path)}
+    save(path.parent, load(path.parent) | {path.name: entry})
+
+
+def entry_of(path: Path, sha256: str = "") -> dict[str, Any]:
+    """Return what the manifest says of a recording, {} if it does not name this content.
+
+    sha256 : of the file, by default read from it
+    """
+    entry = load(path.parent).get(path.name, {})
+    return entry if entry and entry.get("sha256") == (sha256 or sha256_of(path)) else {}
+
+
+def sha256_of(path: Path) -> str:
+    """Return the sha256 of a file.
+
+    Raises RecordingError if it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from None
 
 
 def _is_ours(path: Path) -> bool:

@@ -38,16 +38,6 @@ def check(outputs: Iterable[Path | None], inputs: Iterable[Path | None] = ()) ->
             written.append(path)
 
 
-def check_replaced(outputs: Iterable[Path | None]) -> None:
-    """Raise UsageError if a file stands in the place of an output and is no result of a command.
-
-    Frame logs, CSV tables and files to edit by hand carry no mark, so they are never replaced.
-    """
-    for path in outputs:
-        if path and path.is_file() and path.stat().st_size and not is_own(path):
-            raise UsageError(f"{path}: is there already; --force replaces it")
-
-
 def is_own(path: Path) -> bool:
     """Return whether a file with content carries the mark of a page, table, model or result."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:

@@ -17,7 +17,6 @@ from monitor import report
 from monitor.base import config
 from monitor.base.command_line import option_paths as paths
 from monitor.base.errors import UsageError
-from monitor.base.files import outputs
 from monitor.base.files.json_text import write_json
 from monitor.pipeline.replay import shipped_model
 from training import cli as o2train
@@ -230,7 +229,7 @@ def test_only_a_file_that_a_command_wrote_is_replaced_without_force(tmp_path: Pa
     shutil.copy(REPORT, page)
     write_json(own, {"schema": "o2mon.replay/1"})
     for path in (table, page, own, Path(shipped_model()), tmp_path / "new.csv"):
-        outputs.check_replaced([path])
+        paths.check_replaced([path])
     # WHEN the very same names hold what somebody else wrote
     for path in (table, page, own):
         path.write_text("mine")

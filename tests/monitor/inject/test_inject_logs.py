@@ -7,6 +7,7 @@ import pytest
 
 import dbc
 from monitor import cli
+from monitor.base.files import manifest
 from monitor.base.types import Frame
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks, read_frames
@@ -126,6 +127,25 @@ def test_a_fault_acts_in_its_seconds_although_the_clock_of_the_log_is_set(
     log, out = str(write(tmp_path / "set.log", late)), str(tmp_path / "out.log")
     assert cli.main(["inject", log, "--out", out, "--fault", "biased_lean@20-25"]) == 0
     assert "clock_steps 1, rewritten 250" in capsys.readouterr().out
+
+
+def test_a_log_with_faults_stays_simulated_and_is_replaced_until_somebody_changes_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a log that its manifest calls simulated
+    source, out = write(tmp_path / "in.log", lambda_frames([1.0] * 50)), tmp_path / "out.log"
+    told = {"file": "in.log", "source": "simulated", "sha256": manifest.sha256_of(source)}
+    manifest.save(tmp_path, {"in.log": told})
+    call = ["inject", str(source), "--out", str(out), "--fault"]
+    # THEN a fault is put on twice without a word, and the log is still said to be simulated
+    assert [cli.main([*call, fault]) for fault in ("noise", "gain_low=0.4")] == [0, 0]
+    entry = manifest.entry_of(out)
+    assert (entry["source"], entry["fault"], entry["severity"]) == ("simulated", "gain_low", 0.4)
+    # WHEN it was edited THEN it is nobody's to replace, and called simulated no more
+    out.write_text(out.read_text() + "(9.0) vcan0 123#00\n")
+    assert cli.main([*call, "noise"]) == 2
+    assert "out.log: is there already; --force replaces it" in capsys.readouterr().err
+    assert manifest.entry_of(out).get("source") is None
 
 
 def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> None:

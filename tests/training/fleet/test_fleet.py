@@ -22,6 +22,7 @@ from asammdf import MDF, Signal
 
 from monitor.base import config
 from monitor.base.errors import UsageError
+from monitor.base.files.manifest import sha256_of
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.conftest import ROOT
@@ -41,7 +42,6 @@ from training.fleet import run as fleet
 from training.fleet.drives import chunks_of, drives_of
 from training.fleet.judging import judge_chunk
 from training.fleet.worker_kit import WorkerKit
-from training.recordings.recording import sha256
 
 MODEL = str(replay.shipped_model())
 
@@ -449,7 +449,7 @@ def test_recordings_are_read_over_http(folder: Path, tmp_path: Path) -> None:
         server.shutdown()
     # THEN they are, and the one that is not there says so
     assert rows["error"].to_list()[:2] == [None, None]
-    assert rows["sha256"].to_list()[:2] == [sha256(folder / name) for name in names]
+    assert rows["sha256"].to_list()[:2] == [sha256_of(folder / name) for name in names]
     assert rows["vehicle"].to_list()[:2] == names
     assert rows["error"][2].startswith(f"{root}/gone.log: cannot be read")
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from monitor.base.files.manifest import source_of
+from monitor.base.files.manifest import entry_of
 from training.limits.data_check.inputs import COPY_LAGS, copies, covered, excited
 from training.limits.data_check.samples import DataFinding, closed_loop, enough, usable
 from training.recordings.recording import Recording
@@ -63,7 +63,7 @@ def _recording(r: Recording) -> dict[str, Any]:
         "samples": len(r.t_s),
         "period_s": period_s,
         "duration_s": len(r.t_s) * period_s,
-        "source": source_of(Path(r.path), r.sha256),
+        "source": entry_of(Path(r.path), r.sha256).get("source"),
     }
 
 
