@@ -10,7 +10,7 @@ from typing import Final, TextIO
 from monitor.base.types import Frame
 from monitor.bus.attachment import Attachment
 from monitor.bus.link.port import BusHealth
-from monitor.judge.enable import CONDITIONS
+from monitor.judge.enable import TABLE
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.events import Event, Tick, WindowJudged
 from monitor.pipeline.monitor import SensorMonitor
@@ -19,7 +19,7 @@ from monitor.report.lines import event_line
 REDRAW_S: Final = 0.25
 WAITING_LINES: Final = 1000  # kept for a reader that hangs
 _ERASE: Final = "\r\x1b[K"
-_STATE_WIDTH: Final = len("waits: ") + max(map(len, CONDITIONS))
+_STATE_WIDTH: Final = len("waits until ") + max(len(each.words) for each in TABLE)
 
 
 class Out:
@@ -112,16 +112,20 @@ class StatusLine(Attachment):
     def line(self) -> str:
         """Return the monitor's state in one line; its parts keep their places."""
         windows = f"windows {self._windows}" + (f", {self._failed} failed" * (self._failed > 0))
-        return "  ".join((self._signals(), windows, self._codes(), self._bus()))
+        return "  ".join((self._signals(), self._codes(), self._state(), windows, self._bus()))
 
     def _signals(self) -> str:
         tick = self._tick
         if tick is None:
             return "nothing received yet"
         measured = float(tick.sample.values[self._output])
-        state = "enabled" if tick.enabled else f"waits: {CONDITIONS[tick.conditions.index(False)]}"
         name = self._monitor.output.removesuffix("_measured")
-        return f"{name} {measured:6.3f} model {tick.predicted:6.3f}  {state:<{_STATE_WIDTH}}"
+        return f"{name} {measured:6.3f} model {tick.predicted:6.3f}"
+
+    def _state(self) -> str:
+        held = self._tick.conditions if self._tick else ()
+        state = f"waits until {TABLE[held.index(False)].words}" if False in held else "enabled"
+        return f"{state if held else '':<{_STATE_WIDTH}}"
 
     def _codes(self) -> str:
         active = self._monitor.store.active

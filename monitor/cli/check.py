@@ -114,7 +114,7 @@ def _concluded(
         if commented := [n for n in missing if re.search(rf"^#\s*{n} = {{", maps, re.M)]:
             say(f"comments of the map, to be confirmed: {', '.join(commented)}")
         return NOT_JUDGED
-    held = f"every signal, but stale at times: {', '.join(stale)}" if stale else "all it needs"
+    held = f"every signal, but stale at times: {', '.join(stale)}" if stale else "all its signals"
     say(f"the model has {held}")
     if log is None:
         return 0

@@ -29,8 +29,8 @@ class EnableCondition:
     """
 
     name: str
-    subject: str
-    need: str  # what it wants, with keys of [enable] in braces
+    words: str  # a statement, true while it holds
+    need: str = ""  # in numbers, with keys of [enable] in braces
     signal: str = ""  # canonical name; "" where the model's own signals decide
     low: float | str = -math.inf
     high: float | str = math.inf
@@ -42,26 +42,25 @@ class EnableCondition:
 
 
 TABLE: Final = (
-    EnableCondition("inputs_valid", "Model inputs", "received and plausible"),
-    EnableCondition("measured_valid", "Measured value", "received and plausible"),
+    EnableCondition("inputs_valid", "the inputs are received and plausible"),
+    EnableCondition("measured_valid", "the measured value is received and plausible"),
     EnableCondition(
         name="model_settled",
-        subject="Model",
-        need="inputs valid for {model_settle_samples} samples",
+        words="the model has settled",
+        need="for {model_settle_samples} samples",
         recovery="model_settle_samples",
         remedy="record drives longer than the model remembers, without pauses",
         states=("settled", "not settled yet"),
     ),
     EnableCondition(
         name="trained_range",
-        subject="Trained range",
-        need="inputs inside for {range_recovery_s:g} s",
+        words="the inputs are in the trained range",
+        need="for {range_recovery_s:g} s",
         recovery="range_recovery_s",
     ),
     EnableCondition(
         name="closed_loop",
-        subject="Lambda control",
-        need="closed",
+        words="the lambda control is closed",
         signal="closed_loop",
         low=1.0,
         is_of_cut=True,
@@ -70,7 +69,7 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="fuel_cut_recovered",
-        subject="Fuel cut",
+        words="the engine has recovered from a fuel cut",
         need="none for {fuel_cut_recovery_s:g} s",
         signal="fuel_cut",
         high=math.nextafter(NO_CUT, 0.0),
@@ -81,8 +80,7 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="sensor_ready",
-        subject="Sensor",
-        need="ready",
+        words="the sensor is ready",
         signal="sensor_ready",
         low=1.0,
         remedy="record until the sensor is heated",
@@ -90,7 +88,7 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="coolant_warm",
-        subject="Coolant",
+        words="the coolant is warm",
         need="at least {coolant_min_degc:g} °C",
         signal="coolant_temperature_degc",
         low="coolant_min_degc",
@@ -98,7 +96,7 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="engine_speed",
-        subject="Engine speed",
+        words="the engine speed is in its range",
         need="{engine_speed_min_rpm:g} to {engine_speed_max_rpm:g} rpm",
         signal="engine_speed_rpm",
         low="engine_speed_min_rpm",
@@ -107,7 +105,7 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="engine_load",
-        subject="Manifold pressure",
+        words="the engine load is in its range",
         need="{manifold_pressure_min_kpa:g} to {manifold_pressure_max_kpa:g} kPa",
         signal="manifold_pressure_kpa",
         low="manifold_pressure_min_kpa",
@@ -117,7 +115,7 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="vehicle_speed",
-        subject="Vehicle speed",
+        words="the vehicle is fast enough",
         need="at least {vehicle_speed_min_km_h:g} km/h",
         signal="vehicle_speed_km_h",
         low="vehicle_speed_min_km_h",
@@ -125,8 +123,8 @@ TABLE: Final = (
     ),
     EnableCondition(
         name="purge_steady",
-        subject="Purge valve",
-        need="steady for {purge_recovery_s:g} s",
+        words="the purge valve is steady",
+        need="for {purge_recovery_s:g} s",
         signal="purge_duty_percent",
         recovery="purge_recovery_s",
         is_of_cut=True,
@@ -143,6 +141,11 @@ _PURGE: Final = _AT["purge_steady"]
 _RECOVERING: Final = [_AT[each.name] for each in TABLE if each.recovery]
 
 _MASKS = np.arange(1 << len(CONDITIONS))
+
+
+def statement(name: str) -> str:
+    """Return a condition as a statement; of a test, its name without underscores."""
+    return BY_NAME[name].words if name in BY_NAME else name.replace("_", " ")
 
 
 def _where_all(names: Iterable[str]) -> BoolArray:

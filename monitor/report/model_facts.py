@@ -1,5 +1,6 @@
 """Facts of a model for the report."""
 
+from monitor.base.counts import counted
 from monitor.base.signals import OUTPUT
 from monitor.pipeline.replay import Setup
 
@@ -24,7 +25,7 @@ def model_info(setup: Setup) -> dict[str, str]:
         "kind": f"{card.kind}, {shape}",
         "inputs": ", ".join(card.input_names),
         "output": card.output.name,
-        "trained on": f"{len(card.recordings)} recordings ({', '.join(sources)})",
+        "trained on": f"{counted(len(card.recordings), 'recording')} ({', '.join(sources)})",
         "sample period": f"{card.period_ns / 1e6:g} ms",
         "healthy residual": f"mean {card.residual_mean:+.4f}, std {card.residual_std:.4f} {unit}",
     }

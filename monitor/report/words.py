@@ -173,9 +173,17 @@ def counted_out(recording: Mapping[str, Any]) -> list[tuple[str, int]]:
 
     >>> counted_out({"counters": {"lost": 3, "late": 0, "unmapped": 9}})
     [('frames that the counter misses', 3)]
+    >>> counted_out({"counters": {"out_of_range_lambda_measured": 5}})
+    [('values out of range of lambda_measured', 5)]
     """
     counters: Mapping[str, int] = recording.get("counters", {})
-    return [(COUNTED.get(k, k), n) for k, n in counters.items() if n and k != "unmapped"]
+    return [(_counted(k), n) for k, n in counters.items() if n and k != "unmapped"]
+
+
+def _counted(key: str) -> str:
+    """Return a counter in words; a table has one of values out of range for each signal."""
+    signal = key.removeprefix("out_of_range_")
+    return COUNTED.get(key, key if signal == key else f"{COUNTED['out_of_range']} of {signal}")
 
 
 def seconds(dtc: Mapping[str, Any]) -> str:

@@ -33,4 +33,4 @@ def test_the_monitor_listens_again_after_its_interface_was_gone_and_an_ecu_is_po
     assert asked is not None, finished.stdout
     assert int(asked[1]) >= int(asked[2]) > 10
     assert re.search(r"lambda_measured .* 1\.013 .* plausible", finished.stdout)
-    assert "the model has all it needs" in finished.stdout
+    assert "the model has all its signals" in finished.stdout

@@ -66,12 +66,12 @@ class ConditionWords:
         self._inputs = card.input_names
 
     def wanted(self) -> list[dict[str, Any]]:
-        """Return name, subject and need of every condition, in the order of CONDITIONS."""
+        """Return name, words and need of every condition, in the order of CONDITIONS."""
         settings = asdict(self._config)
         return [
             {
                 "name": each.name,
-                "what": each.subject,
+                "what": each.words,
                 "need": each.need.format(**settings),
                 "available": each.name not in self._unavailable,
             }

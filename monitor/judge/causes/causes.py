@@ -1,5 +1,6 @@
 """Why a recording was not judged: which condition held it up, by which signal, and a remedy."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -22,6 +23,7 @@ MOST: Final = 3  # conditions that are named
 ENOUGH_WINDOWS: Final = 6  # from so many on, more of them alone do not help
 HALF: Final = 0.5
 CONTROLLER: Final = "lambda_controller"
+ENGINE: Final = "engine_speed_rpm"
 HELD_ENOUGH: Final = 0.9  # a condition that held for this share kept no drive from its verdict
 
 
@@ -38,9 +40,10 @@ class Cause:
     @property
     def in_words(self) -> str:
         """Return the cause on one line."""
-        share = None if self.condition == "evidence" else self.held_share  # of windows
-        held = "" if share is None else f" held {100 * share:.0f} % of the time"
-        return f"{self.condition.replace('_', ' ')}{held}: {self.advice}"
+        is_known, share = self.condition in enable.BY_NAME, self.held_share
+        held = f" for {100 * share:.0f} % of the time" if is_known and share is not None else ""
+        lead = f"{enable.statement(self.condition)}{held}: "
+        return lead * (not is_known or bool(held)) + self.advice
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +87,10 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
         length_s, least_s = seen.samples * seen.period_s, needed * seen.period_s
         advice = f"the recording is {length_s:.1f} s long, at least {least_s:g} s are wanted"
         return [Cause("samples", None, None, "short", advice)]
+    top = seen.high[seen.names.index(ENGINE)].item() if ENGINE in seen.names else math.inf
+    if 0.0 <= top < asked.config.plausibility.engine_running_rpm:  # -inf: it is not known
+        most = f"{ENGINE} is at most {plain(top)} 1/min{_place(ENGINE, asked)}"
+        return [Cause("engine_speed", None, ENGINE, "off", f"the engine never runs: {most}")]
     # without an enabled sample fuel cuts alone may have told of the response
     unfinished = ("response",) if judgement is None else judgement.unfinished
     undecided = "response" in unfinished or (bool(unfinished) and not seen.enabled)
@@ -240,11 +247,9 @@ def timeout_of(interval_s: float) -> float:
 
 
 def _constant(signal: str, seen: Observation, asked: Asked) -> str:
-    value = seen.low[seen.names.index(signal)].item()
-    place = f" ({asked.sources[signal].place})" if signal in asked.sources else ""
+    value = f"{plain(seen.low[seen.names.index(signal)].item(), 6)}{_unit(signal)}"
     return (
-        f"{signal} is {plain(value, 6)}{_unit(signal)} throughout{place}: if it did "
-        "change, this is "
+        f"{signal} is {value} throughout{_place(signal, asked)}: if it did change, this is "
         "another quantity or was not recorded; name the right one, or leave it out"
     )
 
@@ -308,6 +313,10 @@ def _dead(seen: Observation, asked: Asked) -> list[Cause]:
     }[reason]
     advice = f"{output.name} {words} when the recording ended: check the sensor, record further"
     return [Cause("sensor_alive", None, output.name, reason, advice)]
+
+
+def _place(signal: str, asked: Asked) -> str:
+    return f" ({asked.sources[signal].place})" if signal in asked.sources else ""
 
 
 def _unit(signal: str) -> str:

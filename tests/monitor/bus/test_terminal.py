@@ -21,7 +21,7 @@ from monitor.bus.ending import ended_by_signals
 from monitor.bus.loop import Loop
 from monitor.bus.terminal import REDRAW_S, WAITING_LINES, EventLines, Out, Screen, StatusLine
 from monitor.bus.watchdog import Watchdog
-from monitor.judge.enable import CONDITIONS
+from monitor.judge.enable import TABLE
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from monitor.pipeline.events import Event, Tick
@@ -60,8 +60,8 @@ def test_the_status_says_what_is_measured_what_blocks_and_how_the_bus_is(loop: L
         if isinstance(event, Tick) and event.enabled:
             assert "enabled" in status.line()
         elif isinstance(event, Tick):
-            blocking = CONDITIONS[event.conditions.index(False)]
-            assert f"waits: {blocking}" in status.line()
+            blocking = TABLE[event.conditions.index(False)].words
+            assert f"waits until {blocking}" in status.line()
     line = status.line()
     assert "P015A pending" in line
     assert "bus active" in line

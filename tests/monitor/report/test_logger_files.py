@@ -99,7 +99,7 @@ def test_check_of_an_own_table_says_what_the_model_lacks(
     own: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     assert cli.main(["check", str(own)]) == 0
-    assert "the model has all it needs" in capsys.readouterr().out
+    assert "the model has all its signals" in capsys.readouterr().out
     path = tmp_path / "t.csv"
     path.write_text("time_s,lambda_measured\n0,1\n0.1,1.01\n")
     assert cli.main(["check", str(path)]) == 3

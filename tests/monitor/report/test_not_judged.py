@@ -1,5 +1,6 @@
 """Why a drive was not judged: condition, share, signal, reason and advice in every output."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -182,7 +183,10 @@ def test_a_check_names_what_would_hold_up_a_verdict(
 ) -> None:
     healthy = table(tmp_path / "healthy.csv")
     zeros = table(tmp_path / "zeros.csv", held("vehicle_speed_km_h", 0.0))
-    assert cli.main(["check", str(healthy), str(zeros)]) == 0
-    of_healthy, of_zeros = capsys.readouterr().out.split("zeros.csv\n")
+    off = table(tmp_path / "off.csv", held("engine_speed_rpm", 0.0))
+    assert cli.main(["check", str(healthy), str(zeros), str(off)]) == 0
+    of_healthy, of_zeros, of_off = re.split("(?:zeros|off).csv\n", capsys.readouterr().out)
     assert "hold up" not in of_healthy
     assert "vehicle_speed_km_h is 0 km/h throughout" in of_zeros
+    # AND an engine that never ran is the only reason: there is nothing to train on
+    assert of_off.count("would hold up a verdict") == of_off.count("the engine never runs") == 1

@@ -142,9 +142,9 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     # AND the code with its fault, state, time and status byte
     for shown in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
         assert shown in text
-    assert "coolant warm held 12 % of the time: record until the engine is warm" in text
+    assert "The coolant is warm for 12 % of the time: record until the engine is warm" in text
     # AND what the enable conditions and frames were, the file's sha256 and the model
-    for words in ("coolant warm", "12.5 %", "unavailable", "with a wrong checksum", SHA256, "narx"):
+    for words in ("coolant is warm", "12.5 %", "unavailable", "a wrong checksum", SHA256, "narx"):
         assert words in text
 
 
@@ -188,7 +188,7 @@ def test_evidence_against_a_stored_code_is_said_to_stand_against_it() -> None:
 def test_a_code_of_the_monitor_itself_hides_no_reason_and_is_no_fault(tmp_path: Path) -> None:
     lost = {"code": "P062F", "fault": "memory_lost", "status": 0x2F, "state": "confirmed"}
     text = written(tmp_path, not_judged() | {"dtcs": [lost | {"t_s": None}]}).text
-    assert "Not judged. coolant warm held 12 % of the time: record until the engine is warm" in text
+    assert "Not judged. The coolant is warm for 12 % of the time: record until " in text
     assert "Confidence: none, a test is missing." in text
     assert "P062F" in text  # among the codes
 

@@ -68,7 +68,7 @@ function overview() {
   tile("Predicted", digits(now.predicted, 4), "predicted");
   tile("Residual", signed(residual, 4), "residual");
   tile("Judging", now.enabled ? "✓ yes" : "✕ no", now.enabled ? "good" : "",
-    now.enabled ? `${Math.round((100 * now.enabled_samples) / now.samples)} % of samples` : `${state.conditions[blocking]?.what}: ${now.seen[blocking]}`);
+    now.enabled ? `${Math.round((100 * now.enabled_samples) / now.samples)} % of samples` : `waits until ${state.conditions[blocking]?.what}: ${now.seen[blocking]}`);
   tile("Windows", String(kinds.map(count).reduce((a, b) => a + b)), "", counts.join("  "));
   tile("Lamp (MIL)", memory?.mil ? "● on" : "○ off", memory?.mil ? "bad" : "", memory?.fault_flag ? "fault flag set" : "fault flag not set");
 }
