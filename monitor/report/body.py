@@ -10,6 +10,7 @@ from typing import Any
 from monitor.base.counts import counted, duration
 from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
+from monitor.judge.enable import statement
 from monitor.pipeline.entry import fault_words
 from monitor.report import catalyst, evidence
 from monitor.report.elements import number, path, table, term_list, text
@@ -160,7 +161,8 @@ def _sentence(recording: Mapping[str, Any]) -> str:
         )
     causes = recording["not_judged"]
     if causes:
-        return text(passed_beside(recording) + Cause(**causes[0]).in_words)
+        said, signal = passed_beside(recording) + Cause(**causes[0]).in_words, causes[0]["signal"]
+        return text(said if said.startswith(signal or " ") else said[0].upper() + said[1:])
     return _passed(recording)
 
 
@@ -182,10 +184,10 @@ def _causes(recording: Mapping[str, Any]) -> str:
     """Return the causes why a recording was not judged as a table."""
     rows = [
         {
-            "Condition": text(_words(cause["condition"])),
+            "Condition": text(statement(cause["condition"])),
             "Held": _share(cause["held_share"]),
             "Signal": f"<code>{text(cause['signal'])}</code>" if cause["signal"] else "",
-            "Reason": text(_words(cause["reason"])),
+            "Reason": text(cause["reason"].replace("_", " ")),
             "Advice": f'<span class="wide">{text(cause["advice"])}</span>',
         }
         for cause in recording["not_judged"] or ()
@@ -268,7 +270,7 @@ def _enable(recording: Mapping[str, Any]) -> str:
                 f'<rect class="all" width="1" height="8"/><rect width="{share:.3f}" height="8"/>'
                 "</svg>"
             )
-        rows.append({"condition": text(_words(name)), "bar": bar, "held": held})
+        rows.append({"condition": text(statement(name)), "bar": bar, "held": held})
     if not rows:
         return ""
     return (
@@ -295,15 +297,16 @@ def _model(model_info: Mapping[str, str], recordings: Sequence[Mapping[str, Any]
 
 def _steps(steps: Mapping[str, str]) -> str:
     """Return the commands that led to the result, with their output, "" if there were none."""
-    parts = (
-        f"<details><summary><code>{text(command)}</code></summary><pre>{text(said)}</pre></details>"
-        for command, said in steps.items()
-    )
-    return f"<section><h2>Steps</h2>{''.join(parts)}</section>" if steps else ""
+    parts = "".join(_step(text(command), text(said)) for command, said in steps.items())
+    return f"<section><h2>Steps</h2>{parts}</section>" if steps else ""
 
 
-def _words(name: str) -> str:
-    return name.replace("_", " ")
+def _step(command: str, said: str) -> str:
+    page = "tables/report.html"  # of the tables for the ECU, whose step prints them
+    is_made = f"{page}: " in said
+    link = f'<p>Tables for the ECU: <a href="{page}">{page}</a></p>' if is_made else ""
+    fold = f"<details{' open' * is_made}><summary><code>{command}</code></summary>"
+    return f"{link}{fold}<pre>{said}</pre></details>"
 
 
 def _badge(recording: Mapping[str, Any]) -> str:

@@ -18,6 +18,7 @@ NAMES = (  # of the tables' files
 )
 
 if TYPE_CHECKING:
+    from training.pages.heat import Heat
     from training.recordings.ecu_table import EcuTable, TableAxes
     from training.recordings.recording import Recording
 
@@ -93,6 +94,9 @@ def run(args: TablesCommand) -> int:
     page.write_report(args.out / "report.html", fitted, made, notes)
     for line in [*summary(made, beside), *(f"{what}: {text}" for what, text in notes.items())]:
         print(line)
+    for table in made:
+        if text := grid(page.heading(table), page.heat(table)):
+            print(text)
     print(f"{args.out / 'report.html'}: {subject.samples} usable samples, {subject.air.value}")
     return 0
 
@@ -116,6 +120,18 @@ def axes_for(path: Path | None, load: str) -> "TableAxes":
     from training.recordings.ecu_table import axes_of
 
     return axes_of(load) if path is None else axes_of(load, *read_axes(path, load))
+
+
+def grid(title: str, heat: "Heat") -> str:
+    """Return the rows and columns with a filled cell as lines: estimate, half of its interval."""
+    rows = [(name, cells) for name, cells in heat.rows if any(c.half for c in cells)]
+    filled = [i for i in range(len(heat.columns)) if any(cells[i].half for _, cells in rows)]
+    lines = [("", [heat.columns[i] for i in filled])]
+    for name, cells in rows:
+        shown = (cells[i] for i in filled)
+        lines.append((name, [f"{c.value} {c.half}" if c.half else "" for c in shown]))
+    text = (f"{name:>8}" + "".join(f"{cell:>11}" for cell in cells) for name, cells in lines)
+    return "\n".join([f"{title}, {heat.corner}", *map(str.rstrip, text)]) if rows else ""
 
 
 def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:

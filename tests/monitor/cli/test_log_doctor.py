@@ -1,8 +1,10 @@
 """``o2mon doctor LOG``: from logs to a verdict on one page, by the commands that it prints."""
 
+import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from monitor.cli import log_doctor, main
@@ -35,8 +37,11 @@ def test_a_model_is_fitted_to_healthy_logs_and_all_stands_on_one_page(
     assert [line[2:] for line in said.splitlines() if line.startswith("$ ")] == list(steps)
     page = (out / "report.html").read_text()
     assert re.findall(r"<summary><code>(o2.*?)</code>", page) == list(steps)
-    assert "lambda_delay" in page
-    assert (out / "tables" / "report.html").exists()
+    # AND the tables, with every cell that is filled
+    assert 'href="tables/report.html"' in page and (out / "tables" / "report.html").exists()
+    tables = json.loads((out / "tables" / "tables.json").read_text())["tables"]
+    filled = sum(np.isfinite(np.array(t["estimate"], float)).sum() for t in tables)
+    assert re.findall("<pre>(.*?)</pre>", page, re.S)[-1].count("±") == filled > 10
 
 
 @pytest.fixture
