@@ -8,6 +8,8 @@ import polars as pl
 
 from monitor.base.counts import counted, plain
 from monitor.base.files.outputs import write_text
+from monitor.base.signals import OUTPUT
+from monitor.judge.enable import statement
 from training.fleet.page import distribution_figures, outliers, summary
 from training.fleet.page.outliers import Standing
 from training.fleet.run import windows_path
@@ -32,14 +34,15 @@ def write(
     reports : takes the paths of the drives with a code, returns the pages that it wrote of them
     """
     recordings, windows = pl.read_parquet(out, glob=False), windows_path(out)
-    limits = tools_of(kit).limits
+    limits, output = tools_of(kit).limits, tools_of(kit).model.card.output
+    unit = "lambda" if output.name == OUTPUT else output.unit
     now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
     standing = outliers.standings(recordings)
     found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
     pages = reports([each["path"] for each in found["drives_with_code"][:ROWS]])
-    write_text(html, as_page(found, recordings, windows, standing, pages))
+    write_text(html, as_page(found, recordings, windows, standing, pages, unit))
     return html, tree
 
 
@@ -49,10 +52,12 @@ def as_page(
     windows: Path,
     standing: Sequence[Standing],
     reports: Mapping[str, str],
+    unit: str = "lambda",
 ) -> str:
     """Return the page of a fleet's summary and its tables.
 
     reports : path of a drive → its page, relative to this one
+    unit : of residuals and offset
     """
     judged = recordings.filter(pl.col("error").is_null())
     named = outliers.named(standing)
@@ -74,7 +79,8 @@ def as_page(
         more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,
         standings=draw.standing_figure(standing, numbers) if standing else None,
-        named=_named(named),
+        named=_named(named, unit),
+        unit=unit,
         beyond=len(named) - ROWS,
         rows=ROWS,
         shown=SHOWN,
@@ -132,13 +138,16 @@ def _extent(found: Figures) -> str:
     return f"{text} {share} of the judged recordings are simulated."
 
 
-def _named(named: dict[str, list[tuple[Standing, int]]]) -> list[tuple[str, ...]]:
+def _named(named: dict[str, list[tuple[Standing, int]]], unit: str) -> list[tuple[str, ...]]:
     """Return each vehicle that stands out, by which statistics, their medians and distances."""
     return [
         (
             f"{number}{NBSP}{vehicle}",
             ", ".join(each.statistic.title for each, _ in by),
-            ", ".join(plain(each.values[i]) for each, i in by),
+            ", ".join(
+                f"{plain(each.values[i])} {unit * each.statistic.has_unit}".strip()
+                for each, i in by
+            ),
             ", ".join(f"{each.distance[i]:+.1f}" for each, i in by),
         )
         for number, (vehicle, by) in enumerate(list(named.items())[:ROWS], 1)
@@ -190,4 +199,6 @@ def _rarest(held: Mapping[str, float | None]) -> str:
     """Return the four enable conditions that hold least often, with their shares."""
     shares = {name: share for name, share in held.items() if share is not None}
     worst = sorted(shares, key=lambda name: shares[name])[:4]
-    return ", ".join(f"{name} {100.0 * shares[name]:.0f} %" for name in worst)
+    return "; ".join(
+        f"{statement(name)}, {100.0 * shares[name]:.0f} % of the time" for name in worst
+    )

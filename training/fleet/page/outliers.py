@@ -35,14 +35,14 @@ class Statistic:
 
     column: str  # of the table of recordings
     title: str
-    unit: str
+    has_unit: bool = True  # that of the output
     is_log: bool = False  # compare logarithms, for a spread, which is never negative
 
 
 STATISTICS: Final = (
-    Statistic("residual_mean", "mean residual", "output's unit"),
-    Statistic("gain", "gain", "-"),
-    Statistic("residual_std", "residual's spread", "output's unit", is_log=True),
+    Statistic("residual_mean", "mean residual"),
+    Statistic("gain", "gain", has_unit=False),
+    Statistic("residual_std", "residual's spread", is_log=True),
 )
 
 
