@@ -1,11 +1,9 @@
 """What all tests share: one thread per numeric library, property test profile, shared data."""
 
-import atexit
 import gc
 import os
 import shutil
 import signal
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,10 +28,6 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_threads] = "1"
 
 ROOT = Path(__file__).resolve().parent.parent
-
-# What commands keep for later runs is not to outlive the tests.
-os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="o2-cache-")
-atexit.register(shutil.rmtree, os.environ["XDG_CACHE_HOME"], ignore_errors=True)
 
 # Under nohup the programs that tests start would inherit an ignored hang-up.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -6,13 +6,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line.parameters import Number, Recordings
 from training.cli.options import Folder, GridOptions, ModelPath, load_all
 
 if TYPE_CHECKING:
-    from training.gap.inputs.roles import Material
     from training.gap.result import Result
 
 REPORT, RESULT = "report.html", "gap.json"
@@ -90,7 +89,6 @@ def run(args: GapCommand) -> int:
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import NEW_MODEL, OFFER, investigate
-    from training.jobs.cache import cached
 
     gc.freeze()  # of the imported modules nothing becomes garbage
     options = GapOptions(args.steps, args.sensor_known_good, args.add)
@@ -102,9 +100,8 @@ def run(args: GapCommand) -> int:
             for given in (args.recordings, args.healthy, args.verify)
         ),
     )
-    learned = cached("healthy", _vehicle(material))
     with Progress(None, unit="step") as bar:
-        result = investigate(material, args.out, options, learned=learned, progress=bar.step)
+        result = investigate(material, args.out, options, progress=bar.step)
     for path, name in ((result.addition.path, NEW_MODEL), (result.addition.offer, OFFER)):
         if path is None:  # an earlier run may have left one
             (args.out / name).unlink(missing_ok=True)
@@ -120,18 +117,6 @@ def _period_s(model: Path) -> float:
     from training.healthy.base import card_of
 
     return card_of(model).period_ns / 1e9
-
-
-def _vehicle(material: "Material") -> dict[str, Any]:
-    """Return digests of model, code and healthy recordings; equal ones give equal behaviour."""
-    from monitor.base.files.manifest import sha256_of
-    from training.jobs.run_folder import code_sha256
-
-    return {
-        "model": sha256_of(material.model),
-        "code": code_sha256(),
-        "healthy": [(r.path.name, r.read_sha256) for r in material.healthy],
-    }
 
 
 def _print(result: "Result", out: Path) -> None:

@@ -43,7 +43,6 @@ def investigate(
     options: GapOptions,
     *,
     known: Healthy | None = None,
-    learned: Path | None = None,
     progress: Progress = lambda _: None,
 ) -> Result:
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
@@ -53,7 +52,6 @@ def investigate(
 
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
-    learned : file that keeps the healthy behaviour for later runs
     Raises RecordingError, ModelError or UsageError if recordings, model or ``out`` cannot be used.
     """
     began_s = time.monotonic()
@@ -70,7 +68,7 @@ def investigate(
             progress=progress,
         )
     subject = Subject.of(material, card)
-    found = Knowledge.of(subject, known, learned, progress)
+    found = Knowledge.of(subject, known, progress)
     naming = name(
         subject.drives,
         found.known,

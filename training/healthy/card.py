@@ -4,9 +4,7 @@ It stands under ``reference["gap"]`` and is as good as the columns that it weigh
 schema, or with columns that this code does not make, is told.
 """
 
-import json
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from monitor.base.files.outputs import write_text
 from monitor.base.signals import OWN
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
@@ -33,37 +30,19 @@ from training.recordings.recording import Recording
 KEY: Final = "gap"
 SCHEMA: Final = "o2train.gap_reference/2"
 DIGITS: Final = 7
-EXACT: Final = 17
 
 
-def kept(path: Path | None, learn: Callable[[], Healthy]) -> Healthy:
-    """Return the behaviour in a file, every digit of it; else learn it and keep it there."""
-    if path is None:
-        return learn()
-    with suppress(OSError, AttributeError, KeyError, TypeError, ValueError):  # none, or damaged
-        return _known(json.loads(path.read_text()))
-    known = learn()
-    write_text(path, json.dumps(to_card(known, (), digits=EXACT)))
-    return known
-
-
-def to_card(
-    known: Healthy, recordings: Sequence[Recording], *, digits: int = DIGITS
-) -> dict[str, Any]:
+def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
     """Return ``known`` as JSON can hold it.
 
     recordings : from which it was learned
-    digits : of a number, that count
     """
 
-    def rounded(value: float) -> float:
-        return _rounded(value, digits)
-
     def listed(values: FloatArray) -> list[float]:
-        return [rounded(value) for value in values]
+        return [_rounded(value) for value in values]
 
     def constants(values: Constants) -> dict[str, float]:
-        return {name: rounded(value) for name, value in values._asdict().items()}
+        return {name: _rounded(value) for name, value in values._asdict().items()}
 
     return {
         "schema": SCHEMA,
@@ -82,7 +61,7 @@ def to_card(
             "cells": [_bits(row) for row in known.visited.cells],
             "coolants": _bits(known.visited.coolants),
         },
-        "surplus": {name: rounded(value) for name, value in sorted(known.surplus.items())},
+        "surplus": {name: _rounded(value) for name, value in sorted(known.surplus.items())},
         "charge": None if known.charge is None else known.charge.to_card(),
         "rmse_usual": known.rmse_usual,
     }
@@ -175,8 +154,8 @@ def _nowhere() -> tuple[BoolArray, BoolArray]:
     return nowhere.cells, nowhere.coolants
 
 
-def _rounded(value: float, digits: int) -> float:
-    return float(f"{float(value):.{digits}g}")
+def _rounded(value: float) -> float:
+    return float(f"{float(value):.{DIGITS}g}")
 
 
 def _array(values: Sequence[float], n: int) -> FloatArray:

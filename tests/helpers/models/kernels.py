@@ -22,7 +22,6 @@ def main() -> int:
         redirect_stdout(nowhere),
         redirect_stderr(nowhere),  # that one short drive is not enough
     ):
-        os.environ["XDG_CACHE_HOME"] = folder
         o2train(["simulate", "--out", folder, "--format", "csv", "--duration", "200"])
         (drive,) = map(str, Path(folder).glob("*.csv"))
         quick = ["--lags", "2", "--hidden", "2", "--starts", "1", "--budget", "0.01"]

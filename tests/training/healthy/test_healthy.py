@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from tests.helpers.gap.gap_simulated import known, simulated
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import ChainDrive, phi_of
-from training.healthy import behaviour, card
+from training.healthy import behaviour
 from training.healthy.behaviour import Healthy
 from training.healthy.card import KEY, from_card, to_card
 from training.healthy.without import LIMITS, corrections
@@ -85,19 +84,6 @@ def test_the_model_card_holds_the_charge_s_error() -> None:
     older, _ = from_card(card)
     assert older is not None
     assert older.charge is None
-
-
-def test_what_is_kept_for_later_runs_has_every_digit(tmp_path: Path) -> None:
-    # GIVEN a behaviour that a run has learned and kept
-    path, learned = tmp_path / "healthy.json", known()
-    assert card.kept(path, lambda: learned) is learned
-    # WHEN a later run wants it THEN it is read, the same to the last digit
-    again = card.kept(path, lambda: pytest.fail("learned again"))
-    stored, read = (to_card(each, (), digits=card.EXACT) for each in (learned, again))
-    assert read == stored
-    # AND a damaged file is as none
-    path.write_text(path.read_text()[:-100])
-    assert card.kept(path, lambda: learned) is learned
 
 
 def test_an_effect_on_the_mixture_is_taken_out_of_fuel_and_controller() -> None:

@@ -181,7 +181,7 @@ def test_recordings_that_the_model_was_fitted_to_are_told_from_others(chain: Pat
 def test_two_healthy_recordings_are_said_not_to_tell_how_healthy_drives_differ(chain: Path) -> None:
     driven, healthy = recordings(2_311_000, **FILM), recordings(2_310_000, HEALTHY)[:2]
     given = Subject.of(Material(chain, driven, healthy), Model.load(chain).card)
-    (doubt,) = Knowledge.of(given, None, None, lambda _: None).doubts
+    (doubt,) = Knowledge.of(given, None, lambda _: None).doubts
     assert doubt.startswith("fewer than 3 healthy recordings")
 
 

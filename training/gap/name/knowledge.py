@@ -6,7 +6,6 @@ reference in the model's card, last the card's constants alone.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Final
 
 from training.gap.inputs.subject import Subject
@@ -32,21 +31,13 @@ class Knowledge:
     doubts: Sequence[str] = ()
 
     @classmethod
-    def of(
-        cls, subject: Subject, known: Healthy | None, kept: Path | None, progress: Progress
-    ) -> "Knowledge":
-        """Return the knowledge from the best source that there is.
-
-        kept : file that keeps the behaviour in the healthy recordings for later runs
-        """
+    def of(cls, subject: Subject, known: Healthy | None, progress: Progress) -> "Knowledge":
+        """Return the knowledge from the best source that there is."""
         start = subject.start
         if known is not None:
             return cls(start, known)
         if subject.material.healthy or subject.own:
-            learned = reference_card.kept(
-                None if subject.own else kept,
-                lambda: yardstick.learn(subject.healthy_drives(), start, progress),
-            )
+            learned = yardstick.learn(subject.healthy_drives(), start, progress)
             return cls(start, learned, [] if learned.surplus else [FEW_HEALTHY])
         return cls(start, *reference_card.known_of(subject.card))
 
