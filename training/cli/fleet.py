@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Number, SettingsFile
+from monitor.base.command_line.parameters import SettingsFile
 from training.cli.options import CoreOptions, ReadOptions
 
 EXAMPLES = """examples:
@@ -20,8 +20,7 @@ of the manifest, share its fault memory and its reference, as with o2mon replay 
 manifest and without --vehicle, every recording is judged alone.
 
 The command writes results.parquet (one row per recording), results.windows.parquet (one row per
-window), results.html and results.json, and the pages of the first drives with a code in the folder
-results.drives. Repeat the same command to continue a killed run.
+window), results.html and results.json. Repeat the same command to continue a killed run.
 Exit code 3: no recording could be judged."""
 
 
@@ -37,7 +36,6 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
         'car_(\d+)'; a vehicle in the manifest wins
     false_alarms : false-alarm rate, per window or per drive, whose quantile the report
         shows beside the limits
-    reports : drives with a code whose own page is written beside, for the fleet's page to link
     """
 
     recordings: Annotated[Sequence[str], paths.pattern, "DIR|GLOB|MANIFEST"] = field(kw_only=False)
@@ -45,14 +43,12 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
     out: Annotated[Path, paths.written, "FILE"]
     vehicle: Annotated[str | None, "REGEX"] = None
     false_alarms: Annotated[float, "RATE"] = 0.001
-    reports: Number = 10
 
 
 def also_written(args: FleetCommand) -> list[Path]:
     """Return the files beside ``--out`` that a run writes."""
     windows = args.out.with_name(f"{args.out.stem}.windows{args.out.suffix}")
-    pages = args.out.with_name(f"{args.out.stem}.drives").glob("*.html")  # of drives with a code
-    return [windows, args.out.with_suffix(".html"), args.out.with_suffix(".json"), *pages]
+    return [windows, args.out.with_suffix(".html"), args.out.with_suffix(".json")]
 
 
 def run(args: FleetCommand) -> int:
@@ -68,15 +64,12 @@ def run(args: FleetCommand) -> int:
 
     from monitor.base import config
     from monitor.base.errors import UsageError
-    from training.cli.console import drive_reports
     from training.fleet import run as fleet
     from training.fleet.drives import drives_of
     from training.fleet.worker_kit import WorkerKit
 
     if not 0.0 < args.false_alarms < 1.0:
         raise UsageError("--false-alarms is above 0 and below 1")
-    if args.reports < 0:
-        raise UsageError(f"--reports {args.reports}: must not be negative")
     settings = config.load(args.config)
     kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)
     drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
@@ -92,9 +85,7 @@ def run(args: FleetCommand) -> int:
         result = fleet.run(drives, kit, args.out, done, jobs=args.n_jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
-    html, json_path = fleet_page.write(
-        args.out, kit, result, args.false_alarms, lambda drives: drive_reports.write(args, drives)
-    )
+    html, json_path = fleet_page.write(args.out, kit, result, args.false_alarms)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "

@@ -5,7 +5,6 @@ from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import quote
 
 from monitor import __version__
 from monitor.base.counts import counted
@@ -82,16 +81,15 @@ def template_of(path: Path) -> "Template":
     return _environment().from_string(path.read_text(encoding="utf-8"))
 
 
-def breakable(name: str, link: str | None = None) -> str:
-    """Return a file's name as HTML that may wrap behind its underscores, as a link if there is one.
+def breakable(name: str) -> str:
+    """Return a file's name as HTML that may wrap behind its underscores and slashes.
 
-    >>> str(breakable("a_b", "x y.html"))
-    '<a href="x%20y.html">a_<wbr>b</a>'
+    >>> str(breakable("a_b"))
+    'a_<wbr>b'
     """
     from markupsafe import escape  # noqa: PLC0415
 
-    text = _html(str(escape(name)).replace("_", "_<wbr>"))
-    return text if link is None else _html('<a href="{}">{}</a>').format(quote(link), text)
+    return _html(str(escape(name)).replace("_", "_<wbr>").replace("/", "/<wbr>"))
 
 
 def _static(name: str) -> str:

@@ -23,6 +23,7 @@ from asammdf import MDF, Signal
 from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.base.files.manifest import sha256_of
+from monitor.cli import main as o2mon
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.conftest import ROOT
@@ -388,9 +389,12 @@ def test_the_command_says_what_it_found(
     rows, windows = fleet_drives.tables(out)
     assert rows.schema == pl.Schema(columns.schema(columns.RECORDINGS))
     assert windows.schema == pl.Schema(columns.schema(columns.WINDOWS))
-    # AND the page lists vehicle, code and drive, whose own page says the same
-    (link,) = re.findall(r'<a href="(out\.drives/[^"]+)">', out.with_suffix(".html").read_text())
-    assert "P015A" in (tmp_path / link).read_text()
+    # AND the page lists vehicle, code and drive, with the command for a page that says the same
+    page = re.sub(r"<wbr>", "", out.with_suffix(".html").read_text())
+    (words,) = re.findall(r"o2mon (replay \S+ --html \S+\.html)", page)
+    *drive, html = words.split()
+    assert o2mon([*drive, str(tmp_path / html), "--model", MODEL, "--quiet"]) == 1
+    assert "P015A" in (tmp_path / html).read_text()
     (tmp_path / "empty.log").touch()
     call[1] = str(tmp_path / "empty.log")
     assert main(call) == 3
@@ -422,7 +426,6 @@ def test_tables_with_names_of_their_own_and_logs_with_another_map_are_judged(
     call = ["fleet", str(tmp_path / "drive.csv"), str(LOGS / DELAYED), "--model", MODEL]
     call += ["--out", str(out), "--jobs", "1", "--columns", str(tmp_path / "names.toml")]
     call += ["--dbc", str(tmp_path / "mine.dbc"), "--map", str(tmp_path / "mine.toml")]
-    call += ["--reports", "0"]
     # WHEN they are judged THEN both are
     assert main(call) == 0
     rows, _ = fleet_drives.tables(out)

@@ -9,8 +9,6 @@ import pytest
 import dbc
 from monitor.cli import main as o2mon
 from training.cli import main as o2train
-from training.cli.console import drive_reports
-from training.cli.fleet import FleetCommand
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 
@@ -66,6 +64,3 @@ def test_a_fleet_reads_the_named_channel(two_buses: Path, tmp_path: Path) -> Non
     errors = [pl.read_parquet(path)["error"][0] for path in (mixed, chosen)]
     assert "is on the channels 'can0' and 'can1'" in errors[0]
     assert not errors[1]
-    # AND so does the page of a drive with a code
-    named = FleetCommand([str(folder)], model=Path(MODEL), out=chosen, channel="can0")
-    assert drive_reports.write(named, [str(folder / "two.log")])

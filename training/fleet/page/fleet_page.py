@@ -1,7 +1,8 @@
 """The report of a fleet: a page and the same figures as JSON."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any, Final
 
 import polars as pl
@@ -19,19 +20,15 @@ from training.limits.rates import Figures
 from training.pages.numbers import MISSING, NBSP, TO, short
 from training.pages.page import breakable, page
 
-Reports = Callable[[Sequence[str]], Mapping[str, str]]
 ROWS: Final = 40  # of a table, at most
 SHOWN: Final = 10  # of them before the rest is folded
 
 
-def write(
-    out: Path, kit: WorkerKit, run: Mapping[str, Any], wished: float, reports: Reports
-) -> tuple[Path, Path]:
+def write(out: Path, kit: WorkerKit, run: Mapping[str, Any], wished: float) -> tuple[Path, Path]:
     """Write the page and the JSON beside the table ``out``; return their paths.
 
     run : what ``run.run`` returned
     wished : false-alarm rate whose quantile stands beside the limits, per window or drive
-    reports : takes the paths of the drives with a code, returns the pages that it wrote of them
     """
     recordings, windows = pl.read_parquet(out, glob=False), windows_path(out)
     limits, output = tools_of(kit).limits, tools_of(kit).model.card.output
@@ -41,8 +38,7 @@ def write(
     found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
-    pages = reports([each["path"] for each in found["drives_with_code"][:ROWS]])
-    write_text(html, as_page(found, recordings, windows, standing, pages, unit))
+    write_text(html, as_page(found, recordings, windows, standing, unit))
     return html, tree
 
 
@@ -51,12 +47,10 @@ def as_page(
     recordings: pl.DataFrame,
     windows: Path,
     standing: Sequence[Standing],
-    reports: Mapping[str, str],
     unit: str = "lambda",
 ) -> str:
     """Return the page of a fleet's summary and its tables.
 
-    reports : path of a drive → its page, relative to this one
     unit : of residuals and offset
     """
     judged = recordings.filter(pl.col("error").is_null())
@@ -73,9 +67,7 @@ def as_page(
         distributions=draw.distribution_figure(judged, windows, found["limits"])
         if len(judged)
         else None,
-        drives=[
-            _drive(each, reports.get(each["path"])) for each in found["drives_with_code"][:ROWS]
-        ],
+        drives=[_drive(each) for each in found["drives_with_code"][:ROWS]],
         more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,
         standings=draw.standing_figure(standing, numbers) if standing else None,
@@ -154,9 +146,9 @@ def _named(named: dict[str, list[tuple[Standing, int]]], unit: str) -> list[tupl
     ]
 
 
-def _drive(each: Figures, page: str | None) -> tuple[str, ...]:
-    """Return vehicle, codes, drive with a link to its page, its start, time of the first code."""
-    set_at = each["first_code_s"]
+def _drive(each: Figures) -> tuple[str, ...]:
+    """Return vehicle, codes, the command for the drive's page, its start, time of first code."""
+    set_at, path = each["first_code_s"], each["path"]
     start = each["start"]
     return (
         breakable(each["vehicle"]),
@@ -166,7 +158,7 @@ def _drive(each: Figures, page: str | None) -> tuple[str, ...]:
                 each["codes"], each["faults"], each["states"], strict=True
             )
         ),
-        breakable(Path(each["path"]).name, page),
+        breakable(f"o2mon replay {quote(path)} --html {quote(Path(path).stem)}.html"),
         start[:16].replace("T", NBSP) if start else MISSING,
         "earlier drive" if set_at is None else f"{set_at:.0f}{NBSP}s",
     )
