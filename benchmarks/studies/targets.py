@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 import numpy as np
+from scipy import stats
 
-from training.limits.rates import Figures, quantile_bounds
+from training.limits.rates import CONFIDENCE, Figures
 
 Unit = Literal["share", "s", "drives"]
 NEVER: Final = math.inf  # s, of a median time
@@ -113,10 +114,14 @@ def quantile(
     least: float | None = None,
     most: float | None = None,
 ) -> Target:
-    """Return the target of a quantile of values, with order statistics as bounds."""
+    """Return the target of a quantile of values; its bounds are order statistics.
+
+    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
+    """
     if not values:
         return Target(what, where, unit, None, least=least, most=most)
-    low, high = quantile_bounds(values, at)
+    test: Any = stats.quantile_test(values, p=at)
+    low, high = (None if np.isnan(x) else float(x) for x in test.confidence_interval(CONFIDENCE))
     found, n = float(np.quantile(values, at)), len(values)
     return Target(what, where, unit, found, low, high, n, least, most)
 

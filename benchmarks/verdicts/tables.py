@@ -114,13 +114,8 @@ def of_vehicle(vehicle: int, layout: EngineLayout, seconds: float) -> list[dict[
     recordings, own = [], None
     with tempfile.TemporaryDirectory() as folder:
         for k, cycle in enumerate(CYCLES):
-            experiment = Experiment(
-                cycle=cycle,
-                layout=layout,
-                vehicle=vehicle,
-                seed=100 * vehicle + k,
-                duration_s=seconds,
-            )
+            seed = 100 * vehicle + k
+            experiment = Experiment(cycle, vehicle, seed, duration_s=seconds, layout=layout)
             own = experiment.engine
             recordings.append(load(write(experiment, Path(folder), "parquet", PERIOD_S)))
     assert own is not None

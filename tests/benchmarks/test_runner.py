@@ -53,6 +53,12 @@ def do(folder: Path, stops_at: int, plan: Plan) -> list[Row]:
     return place.rows()
 
 
+def test_a_quantile_of_few_values_has_no_bounds() -> None:
+    for values, at, bounds in ((range(20), 0.99, (18.0, None)), (range(3), 0.1, (None, 2.0))):
+        found = targets.quantile("", "", [float(each) for each in values], at)
+        assert (found.low, found.high) == bounds
+
+
 def test_a_stopped_run_reports_what_it_has_and_goes_on_where_it_stopped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

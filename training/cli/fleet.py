@@ -34,15 +34,12 @@ class FleetCommand(ReadOptions, SettingsFile, CoreOptions):
     out : table of recordings to write, .parquet
     vehicle : regular expression whose first group is the vehicle in a path, for example
         'car_(\d+)'; a vehicle in the manifest wins
-    false_alarms : false-alarm rate, per window or per drive, whose quantile the report
-        shows beside the limits
     """
 
     recordings: Annotated[Sequence[str], paths.pattern, "DIR|GLOB|MANIFEST"] = field(kw_only=False)
     model: Annotated[Path, paths.read, "FILE"]
     out: Annotated[Path, paths.written, "FILE"]
     vehicle: Annotated[str | None, "REGEX"] = None
-    false_alarms: Annotated[float, "RATE"] = 0.001
 
 
 def also_written(args: FleetCommand) -> list[Path]:
@@ -63,13 +60,10 @@ def run(args: FleetCommand) -> int:
     from tqdm import tqdm
 
     from monitor.base import config
-    from monitor.base.errors import UsageError
     from training.fleet import run as fleet
     from training.fleet.drives import drives_of
     from training.fleet.worker_kit import WorkerKit
 
-    if not 0.0 < args.false_alarms < 1.0:
-        raise UsageError("--false-alarms is above 0 and below 1")
     settings = config.load(args.config)
     kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)
     drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
@@ -85,7 +79,7 @@ def run(args: FleetCommand) -> int:
         result = fleet.run(drives, kit, args.out, done, jobs=args.n_jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
-    html, json_path = fleet_page.write(args.out, kit, result, args.false_alarms)
+    html, json_path = fleet_page.write(args.out, kit, result)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "

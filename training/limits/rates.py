@@ -1,12 +1,8 @@
-"""Rates of counts and quantiles of values, with confidence bounds."""
+"""Rates of counts, with confidence bounds."""
 
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from scipy import stats
-
-from monitor.base.types import FloatArray
 
 CONFIDENCE = 0.95
 Figures = dict[str, Any]
@@ -43,20 +39,3 @@ def per_1000_h(events: int, seconds: float) -> Figures:
         "per_1000_h": 1000.0 * events / hours,
         "high": 1000.0 * high / hours,
     }
-
-
-def quantile_bounds(
-    values: Sequence[float] | FloatArray, share: float
-) -> tuple[float | None, float | None]:
-    """Return the two-sided 95 % bounds of a quantile, None beyond the values (n,).
-
-    The bounds are order statistics and hold for any distribution of independent values.
-    Source: Conover, Practical Nonparametric Statistics, 3rd ed., section 3.2.
-
-    >>> quantile_bounds(np.arange(101.0), 0.5)
-    (40.0, 60.0)
-    """
-    found: Any = stats.quantile_test(np.asarray(values), p=share)
-    bounds = found.confidence_interval(CONFIDENCE)
-    low, high = (None if np.isnan(bound) else float(bound) for bound in bounds)
-    return low, high

@@ -1,4 +1,4 @@
-"""The report over a fleet: who stands out and how rarely a sound one does, limits, page."""
+"""The report over a fleet: who stands out and how rarely a sound one does, page."""
 
 import json
 import re
@@ -18,7 +18,7 @@ from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives import fleet_drives
 from training.fleet import run as fleet
 from training.fleet.drives import drives_of
-from training.fleet.page import fleet_page, limits, outliers, summary
+from training.fleet.page import fleet_page, outliers, summary
 from training.fleet.worker_kit import WorkerKit
 
 
@@ -78,44 +78,6 @@ def test_few_vehicles_are_not_compared() -> None:
     assert outliers.standings(few) == []
 
 
-NOW = {"j_mu": 0.05, "j_sigma": 0.02, "offset": 0.065}
-
-
-def two_tables(folder: Path, drives: int, windows: int) -> tuple[pl.DataFrame, Path]:
-    """Give recordings, of which the last has a code, and the table of their windows."""
-    rng = np.random.default_rng(4)
-    recordings = pl.DataFrame(
-        {
-            "recording": range(drives),
-            "vehicle": [f"v{i}" for i in range(drives)],
-            "error": pl.Series([None] * drives, dtype=pl.String),
-            "fault_flag": [i == drives - 1 for i in range(drives)],
-            "offset": rng.normal(0.0, 0.01, drives),
-        }
-    )
-    number = np.repeat(np.arange(drives), windows)
-    mean = rng.normal(0.0, 0.01, len(number))
-    mean[number == drives - 1] = 5.0
-    spread = np.abs(rng.normal(0.005, 0.001, len(number)))
-    path = folder / "windows.parquet"
-    pl.DataFrame({"recording": number, "mean": mean, "std": spread}).write_parquet(path)
-    return recordings, path
-
-
-def test_a_proposed_limit_keeps_the_wished_rate_and_leaves_faulty_vehicles_out(
-    tmp_path: Path,
-) -> None:
-    recordings, windows = two_tables(tmp_path, 101, 80)
-    by_name = {e["name"]: e for e in limits.limits_beside(recordings, windows, 0.01, NOW)}
-    mean = by_name["j_mu"]
-    assert mean["values"] == 100 * 80
-    true = float(stats.norm.isf(0.01 / 2, scale=0.01))
-    assert mean["quantile_low"] <= true <= mean["quantile_high"]
-    assert mean["now_rate"]["events"] == 0 and 0.0 < mean["now_rate"]["high"] < 0.001
-    # too few drives for an upper bound of one in a hundred
-    assert by_name["offset"]["quantile_high"] is None
-
-
 @pytest.fixture(scope="module")
 def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Give page and JSON of a fleet with short drives, faulty vehicles and empty files."""
@@ -128,7 +90,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     run = fleet.run(drives_of([str(drives)]), kit, out, lambda _: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outliers, "LEAST_WINDOWS", 2)
-        return fleet_page.write(out, kit, run, 0.05)
+        return fleet_page.write(out, kit, run)
 
 
 def test_the_plots_of_a_fleet_are_drawn(reported: tuple[Path, Path], browser: Browser) -> None:
@@ -153,7 +115,7 @@ def test_the_report_shows_the_fleet_and_what_was_not_judged(reported: tuple[Path
     assert {each["vehicles"] for each in found["standing_out"]["statistics"]} == {12}
     # AND the page shows it with pictures, loading nothing from elsewhere
     text = html.read_text()
-    for title in ("Codes", "Vehicles that stand out", "Limits", "not judged, and why"):
+    for title in ("Codes", "Vehicles that stand out", "not judged, and why"):
         assert title in text
     assert text.count('<figure class="plots">') == 2
     assert not re.search(r'(src|href)="(?!data:|#)', text)
@@ -167,5 +129,5 @@ def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) ->
     (tmp_path / "empty.log").touch()
     kit, out = WorkerKit.of(shipped_model(), config.load()), tmp_path / "out.parquet"
     run = fleet.run(drives_of([str(tmp_path / "empty.log")]), kit, out, lambda _: None)
-    html, _ = fleet_page.write(out, kit, run, 0.05)
+    html, _ = fleet_page.write(out, kit, run)
     assert "the log is empty" in html.read_text()

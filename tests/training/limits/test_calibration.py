@@ -5,7 +5,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 import pytest
 from playwright.sync_api import Browser
@@ -26,7 +25,7 @@ from training.limits.calibration import calibrate
 from training.limits.calibration_page import detection
 from training.limits.evaluation import evaluate
 from training.limits.judging import judge
-from training.limits.rates import quantile_bounds, rate
+from training.limits.rates import rate
 from training.recordings.recording import load
 
 HIGHWAY = Experiment(cycle="hwfet", conditions=WARM)
@@ -79,12 +78,6 @@ def test_the_evidence_in_each_drive_is_drawn(
     drives: Path, calibrated: Path, browser: Browser
 ) -> None:
     assert plots_of(browser, drives / "page.html") == 1
-
-
-def test_a_quantile_of_few_values_has_no_bounds() -> None:
-    assert quantile_bounds(np.arange(20.0), 0.99) == (18.0, None)
-    assert quantile_bounds([1.0, 2.0, 3.0], 0.1) == (None, 3.0)
-    assert quantile_bounds([5.0], 0.5) == (None, None)
 
 
 @pytest.mark.parametrize(

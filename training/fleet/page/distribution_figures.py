@@ -9,8 +9,7 @@ import polars as pl
 
 from monitor.base.types import FloatArray
 from training.fleet.page.outliers import Standing
-from training.limits.rates import Figures
-from training.pages.drawing import Drawing, Layer, Plot, axis, histogram, layer, plot
+from training.pages.drawing import Drawing, Plot, axis, histogram, layer, plot
 
 BINS: Final = 80
 NAMED: Final = 12  # vehicles that stand out whose names are written
@@ -18,10 +17,9 @@ AWAY: Final = "robust standard deviations from the fleet's median"
 
 
 def distribution_figure(
-    recordings: pl.DataFrame, windows: Path, limits: Sequence[Figures]
+    recordings: pl.DataFrame, windows: Path, limits: Mapping[str, float]
 ) -> Drawing:
-    """Draw histograms of windows and drives; lines are present limits (dashed) and quantiles."""
-    by_name = {each["name"]: each for each in limits}
+    """Draw histograms of windows and drives; dashed lines are the model's limits."""
     contents: tuple[tuple[str, str, bool, str | None], ...] = (
         ("mean", "mean residual of a window", True, "j_mu"),
         ("std", "residual's spread in a window", True, "j_sigma"),
@@ -40,7 +38,7 @@ def distribution_figure(
             if of_windows
             else drives[column]
         )
-        plots.append(_histogram(values.drop_nulls().to_numpy(), title, by_name.get(limit or "")))
+        plots.append(_histogram(values.drop_nulls().to_numpy(), title, limits.get(limit or "")))
     return Drawing(plots, columns=(1, 1, 1))
 
 
@@ -72,7 +70,7 @@ def standing_figure(found: Sequence[Standing], chosen: Mapping[str, int]) -> Dra
     return Drawing(plots)
 
 
-def _histogram(values: FloatArray, title: str, limit: Figures | None) -> Plot:
+def _histogram(values: FloatArray, title: str, limit: float | None) -> Plot:
     if not len(values):
         return plot(f"{title}: none", height=170)
     low, high = (
@@ -81,14 +79,7 @@ def _histogram(values: FloatArray, title: str, limit: Figures | None) -> Plot:
     span = max(float(high - low), 1e-6)
     inside = np.clip(values, low - 0.02 * span, high + 0.02 * span)  # the ends gather the rest
     sides = (-1.0, 1.0) if values.min() < 0.0 else (1.0,)
-    lines: list[Layer] = (
-        [
-            layer("rule", x=[side * value for side in sides], dash=dash, color="failed", width=1.25)
-            for value, dash in ((limit["now"], [5, 4]), (limit["quantile"], []))
-            if value is not None
-        ]
-        if limit
-        else []
-    )
+    at = [] if limit is None else [side * limit for side in sides]
+    lines = [layer("rule", x=[x], dash=[5, 4], color="failed", width=1.25) for x in at]
     bars = histogram(inside, BINS, color="measured")
     return plot(title, bars, *lines, y=axis(scale="log", low=0.8), height=170)

@@ -17,25 +17,24 @@ from training.fleet.run import windows_path
 from training.fleet.worker_kit import WorkerKit, tools_of
 from training.jobs import run_folder
 from training.limits.rates import Figures
-from training.pages.numbers import MISSING, NBSP, TO, short
+from training.pages.numbers import MISSING, NBSP
 from training.pages.page import breakable, page
 
 ROWS: Final = 40  # of a table, at most
 SHOWN: Final = 10  # of them before the rest is folded
 
 
-def write(out: Path, kit: WorkerKit, run: Mapping[str, Any], wished: float) -> tuple[Path, Path]:
+def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path]:
     """Write the page and the JSON beside the table ``out``; return their paths.
 
     run : what ``run.run`` returned
-    wished : false-alarm rate whose quantile stands beside the limits, per window or drive
     """
     recordings, windows = pl.read_parquet(out, glob=False), windows_path(out)
     limits, output = tools_of(kit).limits, tools_of(kit).model.card.output
     unit = "lambda" if output.name == OUTPUT else output.unit
     now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
     standing = outliers.standings(recordings)
-    found = summary.summary(recordings, windows, run=run, limits=now, wished=wished, found=standing)
+    found = summary.summary(recordings, windows, run=run, limits=now, found=standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
     write_text(html, as_page(found, recordings, windows, standing, unit))
@@ -77,7 +76,6 @@ def as_page(
         rows=ROWS,
         shown=SHOWN,
         least=(outliers.LEAST_VEHICLES, outliers.LEAST_WINDOWS),
-        limits=[_limit(each) for each in found["limits"]],
         rarest=_rarest(found["not_completed"]["held"]),
         footer=[
             f"Model {found['model']} {found['model_sha256'][:12]}, configuration "
@@ -162,29 +160,6 @@ def _drive(each: Figures) -> tuple[str, ...]:
         start[:16].replace("T", NBSP) if start else MISSING,
         "earlier drive" if set_at is None else f"{set_at:.0f}{NBSP}s",
     )
-
-
-def _limit(each: Figures) -> tuple[str, ...]:
-    """Return a limit: its name, values, value now and its rate, the wished quantile."""
-    low, high = (
-        "?" if b is None else short(b) for b in (each["quantile_low"], each["quantile_high"])
-    )
-    quantile = each["quantile"]
-    return (
-        f"{each['name']}: {each['title']}",
-        counted(each["values"], each["of"]),
-        short(each["now"]),
-        _percent(each["now_rate"]),
-        MISSING if quantile is None else f"{short(quantile)}{NBSP}({low}{TO}{high})",
-    )
-
-
-def _percent(rate: Figures) -> str:
-    """Return a rate that may be small in percent, with its bounds."""
-    if rate["rate"] is None:
-        return MISSING
-    found, low, high = (short(100.0 * rate[k], 2) for k in ("rate", "low", "high"))
-    return f"{found}{NBSP}({low}{TO}{high})"
 
 
 def _rarest(held: Mapping[str, float | None]) -> str:

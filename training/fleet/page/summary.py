@@ -9,7 +9,6 @@ import polars as pl
 
 import monitor
 from monitor.judge.enable import CONDITIONS
-from training.fleet.page import limits as fleet_limits
 from training.fleet.page import outliers
 from training.fleet.page.outliers import Standing
 from training.limits.rates import Figures, per_1000_h, rate
@@ -23,7 +22,6 @@ def summary(
     windows: Path,
     run: Mapping[str, Any],
     limits: Mapping[str, float],
-    wished: float,
     found: list[Standing],
 ) -> Figures:
     """Return the whole result of a fleet as JSON values.
@@ -31,7 +29,6 @@ def summary(
     recordings : the table of recordings; windows : path of the table of windows
     run : identity and cost of the run, from ``run.run``
     limits : present limits of the model, name → limit
-    wished : false-alarm rate, per window or per drive, whose quantile stands beside the limits
     found : statistics over the vehicles, from ``outliers.standings``
     """
     judged = recordings.filter(pl.col("error").is_null())
@@ -53,7 +50,7 @@ def summary(
             "chance": outliers.RATE,
             "statistics": [_standing(standing) for standing in found],
         },
-        "limits": fleet_limits.limits_beside(recordings, windows, wished, limits),
+        "limits": dict(limits),
         "not_judged": reasons(recordings),
         "not_completed": not_completed(judged),
         "per_1000_h": cost(run),
