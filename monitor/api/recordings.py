@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from monitor.api.verdict import Verdict
 from monitor.base import config as settings
@@ -16,7 +16,6 @@ from monitor.pipeline import replay as replays
 from monitor.pipeline.recordings import RecordingReader
 
 Buses = Sequence[tuple[str | Path, str | Path]]
-ARRAYS: Final = "arrays"  # the name of a drive without a file
 
 
 def load_model(path: str | Path | None = None) -> Model:
@@ -85,6 +84,8 @@ def replay(
     >>> verdict.has_fault, [code.code for code in verdict.codes]  # it never moves
     (True, ['P0134'])
     """
+    if columns and not isinstance(recording, str | Path):
+        raise UsageError(f"columns={columns} is for a file; name arrays by their signals")
     setup = set_up(model, buses, columns, config)
     held = Memory(path_of(memory), hold=True) if memory else None
     with closing(held) if held else nullcontext():
@@ -92,6 +93,6 @@ def replay(
             entry, trace = replays.replay(path_of(recording), setup, held, trace=series)
         else:
             reader = RecordingReader(setup.bus_map, setup.model.card)
-            opened = reader.table(table_of(recording, ARRAYS))
+            opened = reader.table(table_of(recording, "arrays"))
             entry, trace = replays.judged(opened, None, setup, held, trace=series)
     return Verdict(entry, trace)

@@ -68,14 +68,12 @@ class Monitor:
 
     def usable(self, message: can.Message | Frame) -> Frame | None:
         """Return a message as a frame; None, and counted, if it is none that can be judged."""
+        frame: Frame | None = None
         if isinstance(message, Frame):
             frame = message
-        elif message.is_error_frame or message.is_remote_frame:
-            self.skipped += 1
-            return None
-        else:
+        elif not (message.is_error_frame or message.is_remote_frame):
             frame = frame_of(message)
-        if is_own(frame):
+        if frame is None or is_own(frame):
             self.skipped += 1
             return None
         return frame

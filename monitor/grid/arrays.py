@@ -22,15 +22,15 @@ def table_of(columns: Any, name: str) -> Table:
     path = Path(name)
     if not hasattr(columns, "__getitem__") or isinstance(columns, str | bytes):
         raise RecordingError(f"{path}: {type(columns).__name__}, columns by name are wanted")
-    names = [str(each) for each in getattr(columns, "columns", columns)]
-    time = next((each for known in _TIMES for each in names if each.casefold() == known), None)
+    keys = {str(each): each for each in getattr(columns, "columns", columns)}
+    time = next((each for known in _TIMES for each in keys if each.casefold() == known), None)
     if time is None:
-        raise RecordingError(f"{path}: no column {TIME}, there are {', '.join(names)}")
-    names.sort(key=lambda each: each != time)
+        raise RecordingError(f"{path}: no column {TIME}, there are {', '.join(keys)}")
+    names = sorted(keys, key=lambda each: each != time)
     arrays = []
     for each in names:
         try:
-            column = columns[each]
+            column = columns[keys[each]]
             if each == time and np.asarray(column).dtype.kind == "M":
                 column = (np.asarray(column) - np.datetime64(0, "us")) / np.timedelta64(1, "s")
             if np.asarray(column).dtype.kind in "cmM":  # complex, or times of any unit

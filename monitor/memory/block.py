@@ -144,7 +144,7 @@ class Block:
 
 
 def _partner_of(path: Path) -> Path:
-    return path.with_name(path.name + SUFFIX)
+    return Path(f"{path}{SUFFIX}")
 
 
 def _part(file: Path) -> BlockFile:

@@ -21,7 +21,7 @@ class Lock:
     """
 
     def __init__(self, path: Path, file: Path) -> None:
-        self._path, self._file = path, file.with_name(f"{file.name}-lock")
+        self._path, self._file = path, Path(f"{file}-lock")
         self._descriptor: int | None = None
 
     @property

@@ -206,6 +206,8 @@ def test_a_result_says_what_is_in_it_on_a_line_and_in_a_notebook() -> None:
     assert "<script>" not in odd._repr_html_()
     assert "kind: narx, inputs: air_mass_mg fuel_mass_mg" in repr(load_model())
     assert dir(monitor) == monitor.__all__
+    with pytest.raises(O2Error, match="columns=cobb is for a file"):
+        replay({"time_s": np.arange(9.0)}, columns="cobb")
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = monitor.nothing
 

@@ -126,10 +126,8 @@ def test_what_was_stored_is_in_both_files_whichever_writing_fails_later(
 
 
 def test_a_memory_that_cannot_be_made_on_a_full_disk_is_one_clear_line(tmp_path: Path) -> None:
-    with (
-        no_file_larger_than(0),
-        pytest.raises(RecordingError, match=r"o2\.db: cannot store the fault memory"),
-    ):
+    one_line = pytest.raises(RecordingError, match=r"o2\.db: cannot store the fault memory")
+    with no_file_larger_than(0), one_line:
         Memory(tmp_path / "o2.db", hold=True)
 
 

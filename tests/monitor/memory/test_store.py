@@ -166,9 +166,9 @@ def test_an_unknown_code_in_the_memory_is_refused(tmp_path: Path) -> None:
 
 def test_a_place_where_no_memory_can_be_is_an_error_that_names_it(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
-    for name in ("nowhere/dtc.db", "folder"):
-        with pytest.raises(RecordingError, match=f"{name}: cannot open the fault memory"):
-            Memory(tmp_path / name, hold=True)
+    for path in (tmp_path / "nowhere/dtc.db", tmp_path / "folder", Path(), Path("/")):
+        with pytest.raises(RecordingError, match=f"{path}: cannot open the fault memory"):
+            Memory(path, hold=True)
 
 
 def test_one_process_at_a_time_holds_a_memory_and_others_may_read_it(tmp_path: Path) -> None:
