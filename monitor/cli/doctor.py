@@ -151,7 +151,7 @@ def _listened(args: DoctorOptions, interface: "Interface | None") -> "Iterator[B
     yield from findings.of_bus(block, health, interface)
     if not len(block.key):
         return
-    seen = findings.messages(block, setup.bus_map, args.seconds)
+    seen = findings.messages(block, setup.bus_map, args.seconds - silent_s)
     if any(each.seen_hz for each in seen):
         say("\n".join([findings.HEAD, *(each.line for each in seen)]))
     result = check([block], setup.bus_map, silent_s)

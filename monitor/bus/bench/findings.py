@@ -181,6 +181,10 @@ def of_messages(
         facts = {"identifiers": counted(len(often), "identifier"), "listed": listed}
         yield BusFinding("foreign", facts | {"whose": whose})
         return
+    ages_ns = [result.end_ns - each.last_ns for each in result.signals if each.count]
+    is_silent = not any(each.is_present(result.end_ns) for each in result.signals)
+    if ages_ns and is_silent:
+        yield BusFinding("stopped", {"silent": plain(min(ages_ns) / 1e9, 2)})
     troubled = [each for each in seen if each.state != AS_WANTED]
     for each in troubled:
         facts = {"message": f"{each.plan.name} ({each.identifier})"}
@@ -190,7 +194,8 @@ def of_messages(
         facts |= {"size": str(each.plan.size), "bits": "29" if other & EXTENDED else "11"}
         is_elsewhere = each.state == "missing" and (block.key == other).any()
         yield BusFinding("other_width" if is_elsewhere else each.state, facts)
-    yield from _of_signals(result, {name for each in troubled for name in each.names})
+    explained = {name for each in troubled for name in each.names}
+    yield from () if is_silent else _of_signals(result, explained)
     for reason in ("checksum", "stuck"):
         n = result.rejected.get(reason, 0)
         if n and not any(each.state == "two_senders" for each in troubled):

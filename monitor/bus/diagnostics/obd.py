@@ -30,11 +30,6 @@ ECU_NAME: Final = b"O2M\0-OxygenMonitor\0\0"  # acronym, delimiter, name: 20 byt
 
 def _current(request: bytes, state: State) -> bytes:
     """Answer service $01: up to six parameters."""
-    return _listed(request, current_parameters(state))
-
-
-def current_parameters(state: State) -> dict[int, bytes]:
-    """Return the parameters of service $01, by number."""
     counts = state.store.counts
     data = {
         0x01: readiness(state),
@@ -42,11 +37,11 @@ def current_parameters(state: State) -> dict[int, bytes]:
         0x21: unsigned(counts.distance_with_mil_km, 2),
         0x30: unsigned(counts.warm_ups_since_clear, 1),
         0x31: unsigned(counts.distance_since_clear_km, 2),
-        0x41: readiness_of_cycle(state),
+        0x41: bytes((0, COMPONENTS, *_readiness(state, state.store.completed_this_cycle))),
         0x4D: unsigned(counts.engine_run_with_mil_s / 60.0, 2),
         0x4E: unsigned(counts.engine_run_since_clear_s / 60.0, 2),
     }
-    return _with_bitmaps(data)
+    return _listed(request, _with_bitmaps(data))
 
 
 def readiness(state: State) -> bytes:
@@ -54,11 +49,6 @@ def readiness(state: State) -> bytes:
     n_codes = sum(bool(d.status & Status.CONFIRMED) for d in state.store.all)
     supported, missing = _readiness(state, state.store.completed_since_clear)
     return bytes((state.store.mil << 7 | n_codes, COMPONENTS, supported, missing))
-
-
-def readiness_of_cycle(state: State) -> bytes:
-    """Return PID 41: monitors completed in this driving cycle."""
-    return bytes((0, COMPONENTS, *_readiness(state, state.store.completed_this_cycle)))
 
 
 def _readiness(state: State, is_done: Callable[[str], bool]) -> tuple[int, int]:

@@ -60,11 +60,6 @@ def takes_long(request: bytes, state: State) -> bool:
     return rehearsed is not None and rehearsed[0] != NEGATIVE
 
 
-def pending(request: bytes) -> bytes:
-    """Return the answer "response pending", which makes the tester wait."""
-    return bytes((NEGATIVE, request[0], RESPONSE_PENDING))
-
-
 @dataclass(frozen=True, slots=True)
 class DiagnosticAddress:
     """Identifiers of ISO 15765-4 with 11 or 29 bits."""
@@ -175,7 +170,7 @@ class Diagnostics(Attachment):
             self.state.session = DEFAULT_SESSION
         if takes_long(request, self.state):
             self._pending = request, is_functional
-            self._transport.send(pending(request))
+            self._transport.send(bytes((NEGATIVE, request[0], RESPONSE_PENDING)))
         else:
             self._answer(request, is_functional, now_s)
 

@@ -28,15 +28,14 @@ def test_parameter_01_tells_lamp_codes_and_that_the_sensor_monitor_has_completed
 def test_a_vehicle_with_a_catalyst_tells_its_readiness_results_and_performance() -> None:
     vehicle = Vehicle()
     store = vehicle.store
-    store.report(
-        [
-            obd_records.TestResult("catalyst", "capacity_g", 0.06, 0.12, 1.4),
-            obd_records.TestResult("catalyst", "capacity_over_threshold", 0.5, 1.0, 11.67),
-            obd_records.TestResult("downstream", "least_v", 0.08, 0.03, 0.2),
-            obd_records.TestResult("downstream", "lag_rich_to_lean_s", 1.5, 0.0, 0.77),
-            obd_records.TestResult("downstream_heater", "wake_s", 14.0, 0.0, 25.0),
-        ]
-    )
+    for result in (
+        ("catalyst", "capacity_g", 0.06, 0.12, 1.4),
+        ("catalyst", "capacity_over_threshold", 0.5, 1.0, 11.67),
+        ("downstream", "least_v", 0.08, 0.03, 0.2),
+        ("downstream", "lag_rich_to_lean_s", 1.5, 0.0, 0.77),
+        ("downstream_heater", "wake_s", 14.0, 0.0, 25.0),
+    ):
+        store.report([obd_records.TestResult(*result)])
     for test in ("catalyst", "downstream", "downstream_heater", "balance"):
         store.complete(test)
     store.count_judged("catalyst")
@@ -217,15 +216,13 @@ def made_of(command: obd.OBDCommand) -> Any:
 def test_a_scan_tool_reads_lamp_readiness_codes_results_and_who_it_is() -> None:
     status = made_of(obd.commands.STATUS)
     assert (status.MIL, status.DTC_count, status.ignition_type) == (True, 1, "spark")
-    assert status.OXYGEN_SENSOR_MONITORING.available
-    assert status.OXYGEN_SENSOR_MONITORING.complete
+    ready = status.OXYGEN_SENSOR_MONITORING
+    assert ready.available and ready.complete
     ((code, words),) = made_of(obd.commands.GET_DTC)
-    assert code == "P0133"
-    assert "O2 Sensor Circuit Slow" in words
+    assert code == "P0133" and "O2 Sensor Circuit Slow" in words
     assert {code for code, _ in made_of(obd.commands.GET_CURRENT_DTC)} == {code, "P2195"}
-    results = {each.tid: each for each in made_of(obd.commands.MONITOR_O2_B1S1).tests}
-    assert results[0x80].value.to("ms").magnitude == 310
-    assert results[0x80].max.to("ms").magnitude == 250
+    lag = {each.tid: each for each in made_of(obd.commands.MONITOR_O2_B1S1).tests}[0x80]
+    assert (lag.value.to("ms").magnitude, lag.max.to("ms").magnitude) == (310, 250)
     assert made_of(obd.commands.OBD_COMPLIANCE) == "OBD-II as defined by the CARB"
     assert made_of(obd.commands.VIN).decode() == VIN
     # it cuts the text short by one, and takes some figures for padding
