@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from monitor.base.types import FloatArray
+from monitor.judge.limits import Limits
 from training.fleet.page.outliers import Standing
 from training.pages.drawing import Drawing, Plot, axis, histogram, layer, plot
 
@@ -16,15 +17,13 @@ NAMED: Final = 12  # vehicles that stand out whose names are written
 AWAY: Final = "robust standard deviations from the fleet's median"
 
 
-def distribution_figure(
-    recordings: pl.DataFrame, windows: Path, limits: Mapping[str, float]
-) -> Drawing:
+def distribution_figure(recordings: pl.DataFrame, windows: Path, limits: Limits) -> Drawing:
     """Draw histograms of windows and drives; dashed lines are the model's limits."""
-    contents: tuple[tuple[str, str, bool, str | None], ...] = (
-        ("mean", "mean residual of a window", True, "j_mu"),
-        ("std", "residual's spread in a window", True, "j_sigma"),
+    contents = (
+        ("mean", "mean residual of a window", True, limits.j_mu),
+        ("std", "residual's spread in a window", True, limits.j_sigma),
         ("evidence", "evidence for a faulty sensor in a drive", False, None),
-        ("offset", "offset at a drive's end", False, "offset"),
+        ("offset", "offset at a drive's end", False, limits.offset_high),
         ("gain", "gain at a drive's end", False, None),
         ("enabled_share", "share of a drive that may be judged", False, None),
     )
@@ -38,7 +37,7 @@ def distribution_figure(
             if of_windows
             else drives[column]
         )
-        plots.append(_histogram(values.drop_nulls().to_numpy(), title, limits.get(limit or "")))
+        plots.append(_histogram(values.drop_nulls().to_numpy(), title, limit))
     return Drawing(plots, columns=(1, 1, 1))
 
 

@@ -11,6 +11,7 @@ from monitor.base.counts import counted, plain
 from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
 from monitor.judge.enable import statement
+from monitor.judge.limits import Limits
 from training.fleet.page import distribution_figures, outliers, summary
 from training.fleet.page.outliers import Standing
 from training.fleet.run import windows_path
@@ -29,15 +30,14 @@ def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path
 
     run : what ``run.run`` returned
     """
-    recordings, windows = pl.read_parquet(out, glob=False), windows_path(out)
-    limits, output = tools_of(kit).limits, tools_of(kit).model.card.output
+    recordings, tools = pl.read_parquet(out, glob=False), tools_of(kit)
+    output = tools.model.card.output
     unit = "lambda" if output.name == OUTPUT else output.unit
-    now = {"j_mu": limits.j_mu, "j_sigma": limits.j_sigma, "offset": limits.offset_high}
     standing = outliers.standings(recordings)
-    found = summary.summary(recordings, windows, run=run, limits=now, found=standing)
+    found = summary.summary(recordings, run, standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
-    write_text(html, as_page(found, recordings, windows, standing, unit))
+    write_text(html, as_page(found, recordings, windows_path(out), standing, tools.limits, unit))
     return html, tree
 
 
@@ -46,7 +46,8 @@ def as_page(
     recordings: pl.DataFrame,
     windows: Path,
     standing: Sequence[Standing],
-    unit: str = "lambda",
+    limits: Limits,
+    unit: str,
 ) -> str:
     """Return the page of a fleet's summary and its tables.
 
@@ -63,9 +64,7 @@ def as_page(
         confidence=_confidence(found),
         extent=_extent(found),
         found=found,
-        distributions=draw.distribution_figure(judged, windows, found["limits"])
-        if len(judged)
-        else None,
+        distributions=draw.distribution_figure(judged, windows, limits) if len(judged) else None,
         drives=[_drive(each) for each in found["drives_with_code"][:ROWS]],
         more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,

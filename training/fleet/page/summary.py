@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
@@ -17,18 +16,11 @@ SCHEMA: Final = "o2train.fleet/1"
 EXAMPLES: Final = 3  # files per reason, vehicles per code
 
 
-def summary(
-    recordings: pl.DataFrame,
-    windows: Path,
-    run: Mapping[str, Any],
-    limits: Mapping[str, float],
-    found: list[Standing],
-) -> Figures:
+def summary(recordings: pl.DataFrame, run: Mapping[str, Any], found: list[Standing]) -> Figures:
     """Return the whole result of a fleet as JSON values.
 
-    recordings : the table of recordings; windows : path of the table of windows
+    recordings : the table of recordings
     run : identity and cost of the run, from ``run.run``
-    limits : present limits of the model, name → limit
     found : statistics over the vehicles, from ``outliers.standings``
     """
     judged = recordings.filter(pl.col("error").is_null())
@@ -50,7 +42,6 @@ def summary(
             "chance": outliers.RATE,
             "statistics": [_standing(standing) for standing in found],
         },
-        "limits": dict(limits),
         "not_judged": reasons(recordings),
         "not_completed": not_completed(judged),
         "per_1000_h": cost(run),
