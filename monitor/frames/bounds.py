@@ -42,15 +42,15 @@ class Inflation:
     def __init__(self) -> None:
         self._packed = self._unpacked = 0
 
-    def inflate(self, packed: bytes, most_bytes: int = PIECE_BYTES) -> bytes:
+    def inflate(self, packed: bytes) -> bytes:
         """Return a piece packed by zlib, as far as it goes.
 
-        Raises BoundError if it has more than ``most_bytes``, or for the ratio; zlib.error.
+        Raises BoundError if it has more than ``PIECE_BYTES``, or for the ratio; zlib.error.
         """
         unpacker = zlib.decompressobj()
-        content = unpacker.decompress(packed, most_bytes)
+        content = unpacker.decompress(packed, PIECE_BYTES)
         if unpacker.unconsumed_tail:
-            raise BoundError(f"a packed piece of more than {most_bytes:,} bytes")
+            raise BoundError(f"a packed piece of more than {PIECE_BYTES:,} bytes")
         self._packed += len(packed)
         self._unpacked += len(content)
         check_ratio(self._packed, self._unpacked)

@@ -63,11 +63,9 @@ def read_blocks(
     return guarded(path, counters, blocks)
 
 
-def read_frames(
-    path: str | Path, counters: LogCounters | None = None, channels: Channels | None = None
-) -> Iterator[Frame]:
+def read_frames(path: str | Path, counters: LogCounters | None = None) -> Iterator[Frame]:
     """Return the frames of a log one by one; parameters and errors as of ``read_blocks``."""
-    return chain.from_iterable(map(frames_of, read_blocks(path, counters, channels)))
+    return chain.from_iterable(map(frames_of, read_blocks(path, counters)))
 
 
 def checked_kind(path: Path) -> str:

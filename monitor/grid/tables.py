@@ -42,7 +42,7 @@ def is_table(path: str | Path) -> bool:
     path = Path(path)
     if path.name.lower().endswith((".parquet", ".mdf", ".dat")):
         return True
-    if not is_readable(path) or suffix_of(path) not in TEXT:
+    if suffix_of(path) not in TEXT:
         return is_readable(path)
     try:
         found = layout_of(path)

@@ -121,12 +121,9 @@ def load_all(
     return found
 
 
-def inputs_of(
-    args: SignalOptions, recordings: "Sequence[Recording]", *, tell: bool = True
-) -> tuple[str, ...]:
+def inputs_of(args: SignalOptions, recordings: "Sequence[Recording]") -> tuple[str, ...]:
     """Return the inputs of ``--inputs``, else those chosen from the recordings' signals.
 
-    tell : print the inputs if they are chosen and are not the paper's
     Raises RecordingError if there are none.
     """
     from monitor.base.signals import NARX_INPUTS, OUTPUT
@@ -135,7 +132,7 @@ def inputs_of(
     if args.inputs:
         return tuple(args.inputs)
     chosen = choose_inputs(recordings, args.output or OUTPUT)
-    if tell and chosen != NARX_INPUTS:
+    if chosen != NARX_INPUTS:
         print(in_words(chosen))
     return chosen
 

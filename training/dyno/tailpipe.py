@@ -11,7 +11,7 @@ Combustion Engine Fundamentals, 1988, section 11.6.2); beyond it the conversion 
 falls on as an exponential.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -69,16 +69,11 @@ def emitted(experiment: Experiment) -> Tailpipe:
     return Tailpipe(float(flow @ np.maximum(-x, 0.0)), float(flow @ slip))
 
 
-def limits(
-    limit: float,
-    drives: Sequence[Experiment] = DRIVES,
-    progress: Callable[[str], None] = lambda _: None,
-) -> dict[str, EmissionLimit]:
+def limits(limit: float, drives: Sequence[Experiment] = DRIVES) -> dict[str, EmissionLimit]:
     """Return for each fault the severity at which the drives emit ``limit`` times as much."""
     sound = np.array([emitted(each) for each in drives])
     found = {}
     for name, (harmless, severe) in SEVERITIES.items():
-        progress(name)
         severities = np.geomspace(harmless, severe, STEPS)
         faults = [resolve(name, severity) for severity in severities.tolist()]
         rows = np.array([[emitted(replace(d, fault=f)) for d in drives] for f in faults])
@@ -88,7 +83,7 @@ def limits(
     return found
 
 
-def proposal(limit: float, progress: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def proposal(limit: float) -> dict[str, Any]:
     """Return the emissions over each fault's severity as JSON holds them, and settings from them.
 
     limit : multiple of the emissions with a sound sensor, above 1
@@ -96,7 +91,7 @@ def proposal(limit: float, progress: Callable[[str], None] = lambda _: None) -> 
     """
     if not limit > 1.0:
         raise UsageError(f"--emission-limit {limit:g}: more than 1 is wanted")
-    found = limits(limit, progress=progress)
+    found = limits(limit)
     at = {name: each.severity for name, each in found.items()}
     settings = {
         key: min((s for name in names if (s := at[name]) is not None), default=None)

@@ -47,7 +47,7 @@ def test_settings_follow_from_the_severest_fault_that_each_limits(
     at |= {"slow_rich_to_lean": 0.8, "slow_lean_to_rich": 0.6}
     curve = np.ones(2)
     made = {name: EmissionLimit(curve, curve, s, "NOx" * bool(s), (s,)) for name, s in at.items()}
-    monkeypatch.setattr(tailpipe, "limits", lambda limit, progress: made)
+    monkeypatch.setattr(tailpipe, "limits", lambda limit: made)
     told = proposal(1.5)
     assert told["source"] == "simulated"
     wanted = {"lag_limit_s": 0.6, "lag_limit_symmetric_s": 1.0, "delay_limit_s": 1.0}
