@@ -69,9 +69,10 @@ def main() -> None:
                 if each is not None and each.poll() is None:
                     each.terminate()
                     each.wait()
-        codes = json.loads(result.read_text())["recordings"][0]["dtcs"]
-    told = ", ".join(f"{each['code']} {each['fault']} ({each['state']})" for each in codes)
-    print(f"verdict    {told or 'no fault'}")
+        drive = json.loads(result.read_text())["recordings"][0]
+    told = ", ".join(f"{each['code']} {each['fault']} ({each['state']})" for each in drive["dtcs"])
+    why = f"not judged: {drive['not_judged'][0]['advice']}" if drive["not_judged"] else "no fault"
+    print(f"verdict    {told or why}")
 
 
 def arguments() -> argparse.ArgumentParser:
