@@ -13,9 +13,7 @@ from monitor.api.stream import Monitor
 from monitor.api.verdict import Code, Verdict
 from monitor.base.types import Frame
 from monitor.bus.link.clock import Clock
-from monitor.memory.dtc import Dtc
 from monitor.model.step import Model
-from monitor.pipeline.entry import dtc_entry
 from monitor.pipeline.events import DtcChanged
 
 _LOG = logging.getLogger("o2_monitor")
@@ -56,6 +54,8 @@ class OxygenSensorMonitor(can.Listener):
         super().__init__()
         self.monitor = Monitor(model, buses=buses, config=config, memory=memory, series=series)
         self._on_code, self._now_s = on_code or (lambda _: None), monotonic_s
+        store = self.monitor.judging.pipeline.monitor.store
+        self._states: dict[str, str | None] = {dtc.code: dtc.state for dtc in store.active}
         self._clock = Clock(monotonic_s, min(self.monitor.judging.pipeline.decoder.timeouts_ns))
         self._lock = threading.Lock()  # the notifier's thread writes, another one may read
 
@@ -92,14 +92,13 @@ class OxygenSensorMonitor(can.Listener):
 
     def _taken(self, frames: Iterable[Frame]) -> list[Code]:
         """Judge frames; return the codes that become pending or confirmed."""
-        events = (event for frame in frames for event in self.monitor.take(frame))
-        return [self._code(e.dtc) for e in events if isinstance(e, DtcChanged) and e.dtc.state]
-
-    def _code(self, dtc: Dtc) -> Code:
-        judging = self.monitor.judging
-        facts = judging.pipeline.monitor.decisions.facts
-        entry = dtc_entry(dtc, judging.collector.begin_ns, facts.probability(dtc.fault))
-        return Code(**{**entry, "also": tuple(entry.get("also", ()))})
+        new = set[str]()
+        for event in (each for frame in frames for each in self.monitor.take(frame)):
+            if isinstance(event, DtcChanged):
+                dtc, before = event.dtc, self._states.get(event.dtc.code)
+                self._states[dtc.code] = dtc.state
+                new |= {dtc.code} if dtc.state not in (None, before) else set()
+        return [code for code in self.monitor.verdict.codes if code.code in new] if new else []
 
     def _tell(self, codes: Iterable[Code]) -> None:
         """Pass codes on, without the lock: the verdict may be read meanwhile."""

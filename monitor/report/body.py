@@ -33,8 +33,6 @@ from monitor.report.words import (
     verdict_of,
 )
 
-VERDICTS_WORST_FIRST = ("failed", "inconclusive", "passed")
-_ALL_PASSED = "Every test was completed and passed."
 OPEN_AT_FIRST = 4  # up to this number, all recordings are shown unfolded
 
 
@@ -70,7 +68,7 @@ def body(
 def _lead(recordings: Sequence[Mapping[str, Any]]) -> str:
     """Return the verdict on the worst of several recordings, its reason and its confidence."""
     verdicts = [verdict_of(recording) for recording in recordings]
-    worst = next(verdict for verdict in VERDICTS_WORST_FIRST if verdict in verdicts)
+    worst = next(verdict for verdict in ("failed", "inconclusive", "passed") if verdict in verdicts)
     own = recordings[verdicts.index(worst)]
     words = VERDICTS[worst][1].capitalize()
     words += f" in {verdicts.count(worst)} of {len(recordings)} recordings"
@@ -171,7 +169,7 @@ def _passed(recording: Mapping[str, Any]) -> str:
     if is_catalyst_alone(recording):
         return f"{CATALYST_ALONE[0].upper()}{CATALYST_ALONE[1:]}."
     left = recording.get("trust", {}).get("not_tested")
-    return "Every test that this model can do passed." if left else _ALL_PASSED
+    return f"Every test {'that this model can do' if left else 'was completed and'} passed."
 
 
 def _confidence(recording: Mapping[str, Any]) -> str:

@@ -6,6 +6,7 @@ from typing import Any, Final
 from monitor.base.files.junit import JunitCase
 from monitor.judge import trust
 from monitor.judge.causes.causes import Cause
+from monitor.memory.dtc import Status
 from monitor.pipeline.collector import Collector
 from monitor.pipeline.entry import fault_words
 from monitor.pipeline.events import Counted, CutJudged, CycleStarted, DtcChanged, Happening, RuleOff
@@ -65,7 +66,8 @@ def event_line(event: Happening, collector: Collector) -> str:
         return f"{collector.seconds(event.t_ns):8.1f} s  {COUNTS[event.what]}"
     if isinstance(event, DtcChanged):
         dtc = event.dtc
-        state = dtc.state or "is not set"
+        state: str = dtc.state or "is not set"
+        state += ", does not fail now" * bool(dtc.state and not dtc.status & Status.TEST_FAILED)
         return f"{collector.seconds(event.t_ns):8.1f} s  {dtc.code} {dtc.fault} {state}"
     if isinstance(event, RuleOff):
         return f"{collector.seconds(event.t_ns):8.1f} s  {event.said}"

@@ -7,14 +7,17 @@ import math
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from monitor.judge.findings import DtcChanged
 from monitor.memory.codes import CODES
+from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.collector import Trace
 from monitor.report import page as report
-from monitor.report.lines import print_recording
+from monitor.report.lines import event_line, print_recording
 from monitor.report.page import series, thinned, write_report
 from monitor.report.words import confidence, known_faults
 
@@ -221,8 +224,7 @@ def test_the_page_loads_nothing_and_allows_nothing_but_its_own_script(tmp_path: 
     # the policy names the hashes of exactly the script and style that are there
     (policy,) = (a["content"] for a in page.of("meta") if a.get("http-equiv"))
     (script,) = (s for s in page.script() if "uPlot" in s)
-    assert policy is not None
-    assert policy.startswith("default-src 'none';")
+    assert policy and policy.startswith("default-src 'none';")
     assert "unsafe" not in policy
     for content in (script, style):
         digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
@@ -269,8 +271,7 @@ def test_simulated_recordings_are_called_so(tmp_path: Path) -> None:
     assert "Simulated. 1 of 2 recordings" in mixed
     assert "Fault found (simulated)." in mixed
     assert "No fault (simulated)." not in mixed
-    both = (recording(source="simulated"), faulty(source="simulated"))
-    every = written(tmp_path, *both).text
+    every = written(tmp_path, recording(source="simulated"), faulty(source="simulated")).text
     assert "Simulated. 2 recordings" in every
     assert "No fault (simulated)." in every
 
@@ -278,8 +279,7 @@ def test_simulated_recordings_are_called_so(tmp_path: Path) -> None:
 def test_a_recording_without_series_or_windows_is_reported(tmp_path: Path) -> None:
     empty = Trace.unpredicted(np.empty(0), np.empty(0))
     page = written(tmp_path, not_judged(), traces=[empty])
-    (data,) = page.script(type="application/json")
-    assert json.loads(data)["samples"] == 0
+    assert json.loads(page.script(type="application/json")[0])["samples"] == 0
     assert "No window of enabled samples was filled." in page.text
 
 
@@ -321,6 +321,13 @@ def test_times_that_stand_on_no_grid_are_kept_one_by_one() -> None:
     off = np.zeros(4, dtype=bool)
     made = series(recording(), Trace(t_s, t_s, t_s, ~off, off))
     assert (made["t_s"], made["fault_flag"]) == (t_s.tolist(), [])
+
+
+def test_a_line_about_a_code_whose_test_passes_does_not_call_it_new() -> None:
+    (failed,) = DtcStore().fail("gain_low", 7)
+    at: Any = SimpleNamespace(seconds=lambda t_ns: t_ns / 1e9)
+    lines = [event_line(DtcChanged(7, dtc), at) for dtc in (failed, failed.complete())]
+    assert lines[1] == f"{lines[0]}, does not fail now"
 
 
 def test_a_run_of_days_says_that_it_counts_the_latest_windows(tmp_path: Path) -> None:

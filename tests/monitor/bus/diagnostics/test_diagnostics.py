@@ -95,29 +95,15 @@ def test_up_to_six_parameters_are_answered_at_once_and_unknown_ones_left_out() -
     assert ask("01 1C 1C 1C 1C 1C 1C 1C") == "7f 01 12"
 
 
-@pytest.mark.parametrize(
-    ("parameter", "data"),
-    [
-        ("02", "01 33"),
-        ("05", "82"),  # 90 degC
-        ("0B", "2d"),  # 45 kPa
-        ("0C", "1f 40"),  # 2000 1/min
-        ("0D", "50"),
-        ("0F", "46"),
-        ("10", "03 e8"),  # 36 kg/h = 10 g/s
-        ("11", "33"),
-        ("23", "03 e8"),  # 10 MPa = 1000 x 10 kPa
-        ("24", "80 00 00 00"),
-        ("44", "73 33"),
-        ("03", "02 00"),
-        ("06", "86"),  # +5 %
-        ("2E", "66"),
-        ("33", "64"),
-        ("42", "30 d4"),
-        ("46", "3c"),
-    ],
+FRAME = (  # 90 degC, 45 kPa, 2000 1/min, 36 kg/h = 10 g/s, 10 MPa = 1000 times 10 kPa, +5 %
+    "02 01 33, 05 82, 0B 2d, 0C 1f 40, 0D 50, 0F 46, 10 03 e8, 11 33, 23 03 e8, 24 80 00 00 00, "
+    "44 73 33, 03 02 00, 06 86, 2E 66, 33 64, 42 30 d4, 46 3c"
 )
-def test_the_freeze_frame_is_told_in_the_units_of_the_standard(parameter: str, data: str) -> None:
+
+
+@pytest.mark.parametrize("told", FRAME.split(", "))
+def test_the_freeze_frame_is_told_in_the_units_of_the_standard(told: str) -> None:
+    parameter, data = told.split(" ", 1)
     assert ask(f"02 {parameter} 00") == f"42 {parameter.lower()} 00 {data}"
 
 
