@@ -81,8 +81,7 @@ def _check(args: CheckOptions, path: Path | None) -> int:
         return _check_table(args, path)
     if not (path or any(bus_address(args.bus))):
         raise UsageError(
-            "nothing to check: give a LOG (CAN log, table or a logger's file such as .msl, .mlg, "
-            ".csv) or a bus (-i INTERFACE -c CHANNEL, for example -i socketcan -c can0)"
+            "nothing to check: give a LOG or a bus (-i and -c, for example -i socketcan -c can0)"
         )
     setup = set_up(args, args.columns, obd=args.obd, judges=False)
     log = LogCounters()
@@ -150,10 +149,11 @@ def _write_profile(logs: Sequence[Path], out: Path) -> int:
     from monitor.base.files.outputs import write_text
     from monitor.frames.profiles.profile import profile_of
     from monitor.frames.tables.readers import open_table
+    from monitor.grid.tables import is_table
     from monitor.mapping.profile_proposal import proposed
 
-    if len(logs) != 1:
-        raise UsageError("--write-profile needs one LOG")
+    if len(logs) != 1 or not is_table(logs[0]):
+        raise UsageError("--write-profile needs one LOG that is no CAN log: these want o2mon map")
     text = proposed(open_table(logs[0]))
     profile_of(tomllib.loads(text), out)  # what is written can be read
     write_text(out, text)

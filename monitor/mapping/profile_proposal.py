@@ -161,7 +161,7 @@ def _time_columns(raw: RawTable, cells: FloatArray, signals: Collection[str]) ->
         kinds = [unit.quantity if unit else "" for unit in units]
         in_time, unstated = (np.array([kind == each for kind in kinds]) for each in ("time", ""))
         rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
-        rises &= ~(steps == 1.0).all(axis=0)  # a counter of rows is no time
+        rises &= (steps == 1.0).mean(axis=0) < _RISING  # a counter of rows is no time
         rises &= [name not in signals for name in raw.names]
         rises &= in_time if (rises & in_time).any() else unstated
         named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]

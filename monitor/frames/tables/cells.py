@@ -24,8 +24,7 @@ _CLOCK: Final = re.compile(
     r"(?:([ap]m)\s*)?(?:Z|([+-]\d\d):?(\d\d)?)?",
     re.I,
 )
-# ISO 8601, 20261128T063000.5, or the day of the month alone
-_BASIC: Final = re.compile(r"(\d{8}|\d\d)T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")
+_BASIC: Final = re.compile(r"(\d{8}|\d\d)T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # 20261128T063000.5
 _IN_WORDS: Final = re.compile(r"(\d{1,3}) ?h ?(\d\d?) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 

@@ -33,8 +33,7 @@ _TITLES: Final = 2  # most rows with one cell between header and data
 _SAMPLE: Final = 20  # rows that tell what a column holds
 _COMMA: Final = re.compile(r"-?\d+,\d+(?:e[-+]?\d+)?", re.I)
 _POINT: Final = re.compile(r"-?\d+\.\d+")
-# encodings by their letters, the first that fits: Chinese pairs, Japanese syllables, words in which
-# no Western letter stands alone, signs of Western text in a word, or ø and è beside á
+# the first that fits: Chinese pairs, syllables, words of what stands alone in the West, ø and è
 _LETTERS: Final = {
     "gb18030": re.compile(rb"(?:[\0-\x7f]|[\xa1-\xf7][\xa1-\xfe])*[\xa1-\xf7]?\Z"),
     "shift_jis": re.compile(rb"(?s:.*)(?:[\x82\x83][\x40-\xf1]){2}"),

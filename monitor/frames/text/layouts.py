@@ -8,6 +8,7 @@ import csv
 import re
 import tomllib
 from base64 import b64decode
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
@@ -119,21 +120,22 @@ def _layout(
 
 
 def _saleae(lines: Iterator[str]) -> Iterator[str]:
-    """Yield a line for each whole frame of Saleae's export, which has a row for each field."""
-    frame = list[str]()
+    """Yield a line for each whole frame of Saleae's export: a row for each field, by analyzers."""
+    frames = defaultdict[str, list[str]](list)
     for row in csv.DictReader(lines):
         try:
+            frame = frames[row["name"]]
             if row["type"] == "identifier_field":
                 remote = ["r"] * (row.get("remote_frame") == "true")
-                frame = [row["start_time"], f"{int(row['identifier'], 0):X}", *remote]
+                frame[:] = row["start_time"], f"{int(row['identifier'], 0):X}", *remote
             elif row["type"] == "data_field":
                 frame.append(f"{int(row['data'], 0):02X}")
             elif row["type"] == "crc_field":
-                yield " ".join(frame)
+                yield " ".join([*frame, "|", row["name"]])
             elif not row["type"]:
                 raise ValueError
         except (KeyError, TypeError, ValueError):
-            frame = []
+            frames.clear()
             yield " ".join(map(str, row.values()))  # damaged
 
 
@@ -236,7 +238,7 @@ LAYOUTS: Final = (
         "python-can",
         r"^Timestamp: +\d+\.\d+ +ID: ",  # printed, and data sets of intrusions
         r"Timestamp: @time ID: @short(?: (?:(?P<remote>R)|(?P<error>E)|\w+))* DLC?: "
-        r"@length@data(?: .*)?",
+        r"@length@data(?: (?:.*Channel: (?P<channel>\S+))?.*)?",
     ),
     _layout(
         "socketcand",
@@ -254,7 +256,7 @@ LAYOUTS: Final = (
     _layout(
         "Saleae Logic",
         r'\A"?name"?,"?type"?,"?start_time',
-        r"(?P<time>[\d.e-]+) @id(?: @remote)?@data",
+        r"(?P<time>[\d.e-]+) @id(?: @remote)?@data \| (?P<channel>.*)",
         joined=_saleae,
     ),
     _layout(

@@ -35,6 +35,7 @@ def test_a_text_log_of_another_tool_gives_its_frames(tmp_path: Path, name: str) 
     assert steps == [10, 10]
     assert counters.notes == []
     assert not is_table(path)
+    assert cli.main(["check", str(path), "--write-profile", str(tmp_path / "p.toml")]) == 2
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig", "gb18030"])
@@ -75,6 +76,7 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
         ("    No. Time   Source\n      1 0.0    CAN  ID: 194\n", "Wireshark: not read, convert"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
+        ("1.5 0C2 1 02\n2.5 0C3 1 03\n3.5 0C2 1 04\n", "rows of frames without names of columns"),
         (" (1.0)  can0  0C2   [2]  11`22\n", "candump -S or -i: not read, convert it with candump"),
     ],
 )
@@ -177,6 +179,9 @@ def test_a_log_of_two_buses_is_refused_unless_one_is_chosen(tmp_path: Path) -> N
         chosen = list(read_blocks(path, channels=Channels("can0", [0xC2])))
         assert [int(d) for b in chosen for d in b.data[:, 0]] == list(range(0, 90, 2))
         assert sum(len(b.t_ns) for b in read_blocks(path, channels=Channels(mapped=[0xC9]))) == 135
+    printed = "Timestamp: {0}.5 ID: 0c2 S Rx DL: 1 0{0} Channel: can{0}\n"
+    path.write_text("".join(map(printed.format, (0, 1))))
+    assert [b.data[0, 0] for b in read_blocks(path, channels=Channels("can1"))] == [1]
     with pytest.raises(RecordingError, match="no channel can7, there are 'can0', 'can1'"):
         list(read_blocks(path, channels=Channels("can7", [0xC2])))
 
