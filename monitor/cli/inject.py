@@ -2,16 +2,15 @@
 
 import argparse
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, Input, Output
 from monitor.base.command_line.signature import REPEATED
-from monitor.base.errors import UsageError
+from monitor.base.errors import ConfigError, UsageError
 from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_address, open_bus, say, set_up
 
 if TYPE_CHECKING:
@@ -74,6 +73,18 @@ class InjectOptions(SetupOptions, ColumnNames):
     bus: Annotated[argparse.Namespace, _add_buses]
 
 
+def also_written(args: InjectOptions) -> list[Path]:
+    """Return the files for a scenario of several drives: --out with the number of the drive."""
+    from monitor.base.files.outputs import numbered
+    from monitor.inject.scenario import load
+
+    n = 1
+    if args.out and args.scenario:
+        with suppress(ConfigError):  # the run tells of it
+            n = load(args.scenario[0]).n_drives
+    return [numbered(args.out, drive) for drive in range(1, n + 1)] if args.out and n > 1 else []
+
+
 def run(args: InjectOptions) -> int:
     """Put faults into an engine's frames, or into a log."""
     from monitor.inject.expected import case, compare, table
@@ -131,21 +142,8 @@ def _drives(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[
     from monitor.inject.drives import play
 
     assert args.log
-    place = partial(_place, args, scenario.n_drives)
-    return play(args.log, scenario, setup, judges=args.check, place=place, say=say)
-
-
-def _place(args: InjectOptions, n_drives: int, drive: int) -> Path | None:
-    """Return the file to write for a drive: the one of --out, with the number of the drive."""
-    from monitor.base.files.outputs import check, numbered
-
-    if args.out is None or n_drives == 1:
-        return args.out
-    out = numbered(args.out, drive)
-    check((out,), (args.log, *args.scenario, *args.dbc, *args.map))
-    if not args.bus.force:
-        paths.check_replaced((out,))
-    return out
+    files = dict(enumerate(also_written(args) or [args.out], 1))
+    return play(args.log, scenario, setup, judges=args.check, place=files.get, say=say)
 
 
 def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[Recording]":

@@ -228,8 +228,7 @@ def test_only_a_file_that_a_command_wrote_is_replaced_without_force(tmp_path: Pa
     write_table(table, np.array([0.0, 0.1]), ["lambda"], np.ones((2, 1)))
     shutil.copy(REPORT, page)
     write_json(own, {"schema": "o2mon.replay/1"})
-    for path in (table, page, own, Path(shipped_model()), tmp_path / "new.csv"):
-        paths.check_replaced([path])
+    paths.check_replaced([table, page, own, Path(shipped_model()), tmp_path / "new.csv"])
     # WHEN the very same names hold what somebody else wrote
     for path in (table, page, own):
         path.write_text("mine")
