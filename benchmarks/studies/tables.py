@@ -10,11 +10,12 @@ from scipy import stats
 
 from training.limits.rates import CONFIDENCE, Figures
 from training.pages.heat import LEVELS, Heat, HeatCell
-from training.pages.numbers import MISSING, median_s, percent_rate, short, words
+from training.pages.numbers import MISSING, NBSP, short, words
 
 Row = Mapping[str, Any]
 AND: Final = " + "  # between names
 SEVERAL: Final = "several names"
+TO: Final = "–\N{WORD JOINER}"  # between two bounds
 
 
 def of_kind(rows: Iterable[Row], kind: str) -> list[Row]:
@@ -135,9 +136,15 @@ def cell(value: Any) -> str:
 
 def _figure(value: Mapping[str, Any]) -> str:
     if "rate" in value:
-        return f"{percent_rate(value)} of {value['trials']}" if value["trials"] else MISSING
+        share, low, high = (100.0 * (value[k] or 0.0) for k in ("rate", "low", "high"))
+        told = f"{share:.1f}{NBSP}({low:.0f}{TO}{high:.0f}) of {value['trials']}"
+        return told if value["trials"] else MISSING
     if "median" in value:
-        return median_s(value)
+        at, *bounds = (
+            "never" if value[k] is None else f"{value[k]:.0f}" for k in ("median", "low", "high")
+        )
+        told = at if bounds == [at, at] else f"{at}{NBSP}({TO.join(bounds)})"
+        return told if value["trials"] else MISSING
     if "per_1000_h" in value:
         return f"{short(value['per_1000_h'], 3)}, at most {short(value['high'], 3)}"
     return ", ".join(f"{words(k)} {cell(v)}" for k, v in value.items()) or MISSING

@@ -124,19 +124,13 @@ def of_vehicle(vehicle: int, layout: EngineLayout, seconds: float) -> list[dict[
     made = tables.tables(fit.fit(subject), axes, config.defaults())
     degc = [float(np.nanmean(r.column("manifold_temperature_degc"))) for r in recordings]
     true = true_tables(own, axes, float(np.mean(degc)))
-    return [c for t in made if t.key in true for c in _cells(t, true[t.key], vehicle, layout)]
+    return [c for t in made if t.key in true for c in _cells(t, true[t.key])]
 
 
-def _cells(
-    table: EcuTable, true: FloatArray, vehicle: int, layout: EngineLayout
-) -> list[dict[str, Any]]:
+def _cells(table: EcuTable, true: FloatArray) -> list[dict[str, Any]]:
     return [
         {
-            "vehicle": vehicle,
-            "layout": layout.name,
             "table": table.name,
-            "key": table.key,
-            "at": list(at),
             "seconds": float(table.samples[at] * PERIOD_S),
             "estimate": float(table.estimate[at]),
             "low": float(table.low[at]),

@@ -23,11 +23,10 @@ def true_tables(e: Engine, axes: TableAxes, manifold_degc: float) -> dict[str, F
     flow = np.maximum(charge * rpm / 30.0 * 3.6e-3, 3.0)
     litres_per_s = flow / 3.6 / plant.exhaust_kg_m3(flow)
     near = plant.STROKE_S / rpm + e.delay_s - EARLY_S
+    mixing_s = plant.PORT_MIXING_S + e.mixed_litres / litres_per_s
     made = {
         "lambda_delay": near + e.pipe_litres / litres_per_s,
-        "lambda_lag": plant.PORT_MIXING_S
-        + e.mixed_litres / litres_per_s
-        + plant.sensor_tau_s(e, flow),
+        "lambda_lag": mixing_s + plant.sensor_tau_s(e, flow),
         "injector_dead_time": plant.dead_time_ms(e, np.asarray(axes.volts.values)),
         "injector_flow_scale": np.array([e.flow_mg_ms * e.flow_gain]),
         "sensor_lag": plant.sensor_tau_s(e, np.asarray(axes.exhaust_flow.values)),

@@ -1,14 +1,12 @@
 """Numbers as text: a missing value is a dash, and a number never parts from its unit."""
 
 import math
-from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any, Final
 
 from monitor.base.counts import TINY, plain
 
 NBSP: Final = "\N{NO-BREAK SPACE}"
-TO: Final = "–\N{WORD JOINER}"  # between two bounds
 MISSING: Final = "–"
 
 
@@ -76,31 +74,6 @@ def percent(share: float | None, digits: int = 0, sign: str = "") -> str:
     ('12.3 %', '+2 %')
     """
     return MISSING if is_missing(share) else f"{100.0 * (share or 0.0):{sign}.{digits}f}{NBSP}%"
-
-
-def percent_rate(rate: Mapping[str, Any], *, bounds: bool = True) -> str:
-    """Return a rate in percent without its sign, with its bounds in brackets.
-
-    rate : ``rate``, ``low`` and ``high`` as shares; a rate of None gives a dash
-    """
-    if rate["rate"] is None:
-        return MISSING
-    text = f"{100.0 * rate['rate']:.1f}"
-    if bounds:
-        text += f"{NBSP}({100.0 * rate['low']:.0f}{TO}{100.0 * rate['high']:.0f})"
-    return text
-
-
-def median_s(times: Mapping[str, Any], *, bounds: bool = True) -> str:
-    """Return a median of times in seconds with its bounds in brackets; None is never."""
-    if times["trials"] == 0:
-        return MISSING
-    median, low, high = (
-        "never" if times[k] is None else f"{times[k]:.0f}" for k in ("median", "low", "high")
-    )
-    if not bounds or median == low == high:
-        return median
-    return f"{median}{NBSP}({low}{TO}{high})"
 
 
 def with_unit(name: str, unit: str | None) -> str:

@@ -116,12 +116,12 @@ def _environment() -> "Environment":
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    names = "form fixed short p_value signed count percent percent_rate median_s with_unit"
+    names = "form fixed short p_value signed count percent with_unit"
     for name in (*names.split(), "unit_of", "words", "unbroken"):
         environment.filters[name] = getattr(numbers, name)
     environment.filters |= {"yes": lambda x: "yes" if x else "no", "sha": _sha, "counted": counted}
     environment.filters["file_name"] = lambda path: Path(path).name
-    environment.globals |= {"table": partial(PageTable, part), "figure": figure, "TO": numbers.TO}
+    environment.globals |= {"table": partial(PageTable, part), "figure": figure}
     return environment
 
 

@@ -46,7 +46,6 @@ class Trial:
 class Questions:
     """All runs with the sums that every set of them needs."""
 
-    families: tuple[Family, ...]
     equations: tuple[Equations, ...]
     level: FloatArray  # (n_blocks,) mean error
     swing: FloatArray  # (n_blocks,) mean logarithm of movement over that of a healthy vehicle
@@ -73,7 +72,6 @@ class Questions:
             levels.append(np.bincount(number, (r.residual / own)[rows]) / count)
             swings.append(np.bincount(number, swing(r, own)[rows]) / count)
         return cls(
-            families=tuple(families),
             equations=tuple(Equations.of(f, white, blocks) for f in families),
             level=np.concatenate(levels),
             swing=np.concatenate(swings),
