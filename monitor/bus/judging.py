@@ -70,7 +70,8 @@ class Judging:
                 self.store()
             if isinstance(event, CycleStarted):
                 self._learn(event.seen)
-                self._adopt()
+                if self._memory:  # the next cycle is judged with the vehicle's latest reference
+                    self.pipeline.monitor.adopt(self._setup.of_vehicle(self._memory).limits)
             self.collector.push(event)
             yield event
 
@@ -108,12 +109,8 @@ class Judging:
 
     def result(self, path: str, counters: Mapping[str, int]) -> dict[str, Any]:
         """Return the run so far as a recording's entry of ``o2mon.replay/1``."""
-        return self.collector.result(path, None, counters) | of_memory(self._memory)
-
-    def _adopt(self) -> None:
-        """Judge the next driving cycle with the latest reference of the vehicle."""
-        if self._memory is not None:
-            self.pipeline.monitor.adopt(self._setup.of_vehicle(self._memory).limits)
+        entry = self.collector.result(path, None, counters) | of_memory(self._memory)
+        return entry | ({"notes": notes} if (notes := list(self.collector.notes)) else {})
 
     def _learn(self, seen: Seen | None) -> None:
         """Add a driving cycle to the vehicle's reference."""
