@@ -44,7 +44,7 @@ class TimedSensorFault:
             return reading
         if self._begin_ns is None and 0.0 < lambda_healthy < math.inf:
             self._begin_ns = t_ns
-        t_s = (t_ns - (self._begin_ns or t_ns)) / 1e9
+        t_s = 0.0 if self._begin_ns is None else (t_ns - self._begin_ns) / 1e9
         fault = self._fault
         rates = fault.ripple_lambda, fault.drift_lambda, fault.hold_s
         self._last = aged(reading, self._last, t_s, *rates)

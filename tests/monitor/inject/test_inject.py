@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError, UsageError
 from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
-from monitor.base.faults import resolve
+from monitor.base.faults import DEFAULT_SEVERITY, resolve
 from monitor.base.types import Frame
 from monitor.frames.loop_frames import log_gap, time_mark
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
@@ -39,20 +39,11 @@ readings = st.lists(st.floats(0.7, 1.4), min_size=2, max_size=60)
 # The sensor's faults in frame time
 
 
-IN_PHI = (
-    "slow_rich_to_lean",
-    "slow_symmetric",
-    "delay_lean_to_rich",
-    "delay_symmetric",
-    "transient",
-    "gain_low",
-    "biased_lean",
-    "stuck_rich",
-    "out_of_range",
-)
+BY_TIME = {"drift_lean", "drift_rich", "intermittent", "no_activity"}
+SILENT = {"heater", "not_ready", "signal_missing"}
 
 
-@pytest.mark.parametrize("name", IN_PHI)
+@pytest.mark.parametrize("name", sorted({*DEFAULT_SEVERITY} - BY_TIME - SILENT))
 @inputs(20)
 @given(values=readings)
 def test_at_even_times_a_fault_reads_as_defined(name: str, values: list[float]) -> None:
@@ -83,6 +74,15 @@ def test_at_uneven_times_a_lag_has_its_time_constant(steps_ms: list[int], tau_s:
     for t_ns in (np.cumsum(steps_ms) * MS).tolist():
         phi = 1.0 / timed.push(t_ns, 1.0 / 1.1)
         assert phi == pytest.approx(1.1 - 0.2 * np.exp(-t_ns / 1e9 / tau_s), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", sorted(BY_TIME))
+def test_what_grows_holds_or_ripples_does_so_whenever_a_log_begins(name: str) -> None:
+    seen = []
+    for begin_ns in (0, 7 * MS):
+        timed = TimedSensorFault(resolve(name))
+        seen.append([timed.push(begin_ns + n * 100 * MS, 1 + n % 7 / 99) for n in range(600)])
+    assert seen[0] == pytest.approx(seen[1])
 
 
 def test_noise_has_its_standard_deviation_and_drop_outs_their_share() -> None:
