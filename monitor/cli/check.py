@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from monitor.report.check_table import TableCheck
 
 EXAMPLES = """examples:
-  o2mon check *.log
   o2mon check drive.msl                                  what a logger's file holds
   o2mon check drive.csv --write-profile my.toml          a profile to edit for a new logger
   o2mon check -i socketcan -c can0 --seconds 10 --dbc engine.dbc --map engine.toml
@@ -130,15 +129,16 @@ def _concluded(
 
 
 def _check_table(args: CheckOptions, log: Path) -> int:
+    from monitor.mapping.profile_proposal import unusual
     from monitor.report.check_table import advice, check_table, is_of_logger, rename
 
     if args.model is None and is_of_logger(log, args.columns):
         result = check_table(log, args.columns)
-        say("\n".join([*result.lines(), advice(result)]))
+        say("\n".join([*result.lines(), *unusual(result), advice(result)]))
         return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
     setup = set_up(args, args.columns, obd=args.obd, judges=False)
     result = check_table(log, args.columns, setup.model.card)
-    say("\n".join(result.lines()))
+    say("\n".join([*result.lines(), *unusual(result)]))
     code = _concluded(result, setup, log)
     if code and (own := rename(result.table)):
         say(own)

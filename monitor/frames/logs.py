@@ -106,8 +106,9 @@ def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
     kind = suffix_of(path)
     for each in UNREAD["binary"]:
         if kind in each["suffixes"]:
-            told = f"{path}: {each['is']}: not read, convert it with {each['converter']}"
-            raise RecordingError(told)
+            raise RecordingError(
+                f"{path}: {each['is']}: not read, convert it with {each['converter']}"
+            )
     if kind not in known:
         formats = " ".join(known)
         raise RecordingError(

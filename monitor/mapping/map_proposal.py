@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
@@ -21,11 +22,7 @@ CONSIDERED: Final = 8  # candidates of each signal that are compared with the re
 PHI_NAMES: Final = {"lambda_measured": "phi_measured", "lambda_target": "phi_target"}
 FLOWS: Final = {"fuel_mass_mg": FUEL_FLOW_NAME, "air_mass_mg": "maf_kg_h"}
 STROKES_MG_PER_KG_H: Final = 1e6 / 30.0  # kg/h to mg per stroke: this / cylinders / speed
-_HEAD: Final = """\
-Signal map for {dbc}, proposed by o2mon map from names, units and ranges{log}.
-Confirm every line: the number is how sure the proposal is, 0 to 1, with its reason behind it.
-What is commented out was not sure enough, or there was a choice; take one and remove the #.
-value = factor * signal + offset, a value older than timeout_s is stale."""
+_HEAD: Final = files("monitor.mapping").joinpath("map.template").read_text("utf-8")
 
 
 @dataclass(frozen=True, slots=True)

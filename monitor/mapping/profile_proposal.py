@@ -5,8 +5,9 @@ which signal they are. All others stand in comments with their unit and range, s
 what there is.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import fields, replace
+from importlib.resources import files
 from typing import Final
 
 import numpy as np
@@ -29,26 +30,12 @@ from monitor.frames.units import unit_of
 from monitor.mapping.fit import SEVERAL, SURE, Description, QuantityFit, fit_of
 from monitor.mapping.proposal import Entry, SignalCandidate, entries, propose, toml
 from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, VARYING, match, words_of
+from monitor.report.check_table import TableCheck
 
 _ENOUGH: Final = 6  # columns to know a logger by
 _OWN: Final = 3  # of these, columns that no shipped profile knows: no other logger has them
 _RISING: Final = 0.95  # of the steps of a time's column; the first row may be an old one
-_PROFILE: Final = """\
-title = {title}
-# stoich_afr = 14.7   # of the fuel: 9.8 for E85
-time = {times}
-
-[[recognise]]         # a file with all these columns is read with this profile
-columns = {columns}
-
-[signals]             # canonical name = column; unit where the file states none
-{signals}
-# [engine]            # for signals that no column has; 0 kPa: no fuel cut by pressure
-{engine}
-
-# columns that are not used:
-{unused}
-"""
+_PROFILE: Final = files("monitor.mapping").joinpath("profile.template").read_text("utf-8")
 
 
 def proposed(raw: RawTable) -> str:
@@ -75,6 +62,20 @@ def proposed(raw: RawTable) -> str:
             _told(column, cells[:, i]) for i, column in enumerate(raw.columns) if column.name in own
         ),
     )
+
+
+def unusual(check: TableCheck) -> Iterator[str]:
+    """Yield a line for each signal whose median no running engine has: perhaps in another unit."""
+    for name, column in zip(check.table.names, check.table.values.T, strict=True):
+        if name not in QUANTITIES:
+            continue
+        values = column[check.runs]
+        middle = float(np.median(values[np.isfinite(values)])) if len(values) else np.nan
+        (low, high), kind = QUANTITIES[name].usual, QUANTITIES[name].unit.quantity
+        is_above = middle > high and kind in ("temperature", "lambda")
+        if is_above or (middle < low and name in VARYING):
+            told = f"{plain(middle)} is unusual for an engine that runs"
+            yield f"note: {name}: a median of {told}, {low:g} to {high:g} is usual: another unit?"
 
 
 def _told(column: RawColumn, values: FloatArray) -> str:

@@ -28,6 +28,7 @@ _BASIC: Final = re.compile(r"(\d{8}|\d\d)T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # 2026
 _IN_WORDS: Final = re.compile(r"(\d{1,3}) ?h ?(\d\d?) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
+_GERMAN: Final = {"mär": "mar", "mrz": "mar", "mai": "may", "okt": "oct", "dez": "dec"}
 THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700
 
 _MEASURE: Final = re.compile(r"\s*([-+]?\d[\d.,]*)\s*([^\d.,:;\s-][^\d]*?)\s*")  # 14.7 AFR
@@ -136,6 +137,8 @@ class ColumnClock:
 
 def _readings(day: str) -> dict[str, float]:
     """Return the seconds since 1970 by each form of a date that fits."""
+    month = (re.search(r"[^\W\d]{3}", day) or [""])[0].casefold()  # of 28-Nov.-2026, 1-März-2026
+    day = re.sub(r"[^\W\d]{3,}\.?", _GERMAN.get(month, month), day)
     found = {}
     for form in _DATES:
         with suppress(ValueError):
@@ -146,8 +149,8 @@ def _readings(day: str) -> dict[str, float]:
 def clock(text: str) -> float:
     """Return the seconds of a single cell, as ``ColumnClock`` does.
 
-    >>> clock("25:36.7"), clock("0h 25m 36.7s"), clock("1970-01-02T02:00:01+02:00")
-    (1536.7, 1536.7, 86401.0)
+    >>> clock("25:36.7"), clock("1970-01-02T02:00:01+02:00"), clock("2-Dez.-1970 0h 25m 36.7s")
+    (1536.7, 86401.0, 28945536.7)
     """
     return ColumnClock()(text)
 

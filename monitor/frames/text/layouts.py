@@ -84,7 +84,6 @@ _RELATIVE: Final = re.compile(
 _DATE: Final = re.compile(
     r"^date +\w+ +(\w{3})\w* +(\d+) +([\d:.]+)( +[ap]m)? +(\d{4})", re.I | re.M
 )
-_GERMAN: Final = {"mär": "mar", "mrz": "mar", "mai": "may", "okt": "oct", "dez": "dec"}
 _PLAIN: Final = re.compile(r"\s*\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
@@ -368,8 +367,7 @@ def _start_s(text: str) -> float:
     """Return the time of the date in Vector's header, English or German, since 1970; 0 for none."""
     if (date := _DATE.search(text)) is None:
         return 0.0
-    month, day, time, half, year = date.groups("")
-    start_s = clock(f"{day}-{_GERMAN.get(month.casefold(), month)}-{year} {time}{half}")
+    start_s = clock("{1}-{0}-{4} {2}{3}".format(*date.groups("")))
     return start_s if start_s > _DAY_S else 0.0
 
 

@@ -243,6 +243,21 @@ def test_a_column_that_is_not_taken_says_why(tmp_path: Path) -> None:
     assert "# lambda_measured: unusual: its median is 0.6615 (another fuel?)" in out.read_text()
 
 
+def test_a_median_that_no_running_engine_has_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a logger's file without units, whose pressure is in inHg and mixture that of E85
+    path = tmp_path / "drive.csv"
+    path.write_text(
+        "Time,SecL,RPM,MAP,AFR,EGO cor1,PW,MAT\n"
+        + rows(lambda i: f"{i / 10},{i},{RPM[i]},{14 + i / 99},{AFR[i] / 1.5},100,3,25")
+    )
+    assert cli.main(["check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "manifold_pressure_kpa: a median of 14.2 is unusual for an engine that runs" in said
+    assert "lambda_measured: a median of 0.6615 is unusual" in said
+
+
 def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:
     table, _ = proposed(
         "Frame,Duration,RPM,A/F Ratio\n0,281.8,1500,14.7\n"
