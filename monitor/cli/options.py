@@ -154,8 +154,8 @@ def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], Non
     """Tell the user if polling brings signals less often than the model samples them."""
     from monitor.bus.polling.pids import interval_s, wanted
 
-    names = _asked_names(args, setup.bus_map)
-    served_s = interval_s(wanted(setup.bus_map, names), args.obd_rate)
+    asked = wanted(setup.bus_map, _asked_names(args, setup.bus_map))
+    served_s = interval_s(asked, args.obd_rate)
     period_s = setup.model.card.period_ns / 1e9
     if served_s > 0.75 * period_s:
         tell(
@@ -194,9 +194,11 @@ def write_outputs(
     recordings: list[dict[str, Any]],
     traces: list[Any],
     steps: Mapping[str, str] | None = None,
+    stream: TextIO | None = None,
 ) -> None:
     """Write the JSON and HTML that the options name; raises UsageError if that fails.
 
+    stream : where the page is named, by default stdout
     steps : commands that led to the result, with their output
     """
     from monitor.base.files.json_text import write_json
@@ -208,15 +210,9 @@ def write_outputs(
     if args.json:
         write_json(args.json, result)
     if args.html:
-        write_report(
-            args.html,
-            result,
-            traces,
-            model_info=model_info(setup),
-            output=predicted_quantity(setup),
-            steps=steps,
-        )
-        say(f"report: {args.html}")
+        info, output = model_info(setup), predicted_quantity(setup)
+        write_report(args.html, result, traces, model_info=info, output=output, steps=steps)
+        say(f"report: {args.html}", stream)
 
 
 def bus_address(args: argparse.Namespace) -> tuple[str, str]:

@@ -9,7 +9,7 @@ from typing import Annotated
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
-from monitor.cli.sinks import SinkOptions, appended, open_sinks
+from monitor.cli.sinks import SinkOptions, appended, open_sinks, spoken
 
 __all__ = ["EXAMPLES", "appended", "run"]
 
@@ -68,8 +68,8 @@ def run(args: ReplayOptions) -> int:
             if args.sink and "limits" not in recording:
                 warn(f"{log}: is judged without a model, so the sinks get nothing of it")
             for line in () if args.quiet else print_recording(recording, windows=args.windows):
-                say(line)
-    write_outputs(args, setup, recordings, traces)
+                say(line, spoken(args))
+    write_outputs(args, setup, recordings, traces, stream=spoken(args))
     if args.junit:
         from monitor.base.files.junit import write_junit
 

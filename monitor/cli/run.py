@@ -27,7 +27,7 @@ from monitor.cli.options import (
     tell_if_too_slow,
     write_outputs,
 )
-from monitor.cli.sinks import STDOUT, SinkOptions, appended, open_sinks, sink_feed
+from monitor.cli.sinks import SinkOptions, appended, open_sinks, sink_feed, spoken
 
 if TYPE_CHECKING:
     from monitor.bus.attachment import Attachment
@@ -79,7 +79,7 @@ def run(args: RunOptions) -> int:
     record = unused(args.record) if args.record else None
     if record != args.record:
         print(f"o2mon: {args.record} is kept, this run is recorded in {record}", file=sys.stderr)
-    out = Out(sys.stderr if STDOUT in args.sink else sys.stdout)
+    out = Out(spoken(args))
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         out.say(memory.condition.says)
@@ -114,7 +114,7 @@ def run(args: RunOptions) -> int:
                 recording |= {"sinks": feed[0].entries()}
             for line in print_recording(recording):
                 say(line, out.stream)
-            write_outputs(args, setup, [recording], [loop.collector.trace()])
+            write_outputs(args, setup, [recording], [loop.collector.trace()], stream=out.stream)
     return NOT_JUDGED if recording["not_judged"] else 0
 
 

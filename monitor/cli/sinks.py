@@ -1,10 +1,11 @@
 """Options of ``o2mon run`` and ``o2mon replay`` that send results to other systems."""
 
 import argparse
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, TextIO
 
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
@@ -27,9 +28,7 @@ def _tag(text: str) -> tuple[str, str]:
     from monitor.sinks.record import FIELDS
 
     if name in FIELDS or name in BY_NAME:
-        raise argparse.ArgumentTypeError(
-            f"{text}: records have their own {name}; choose another NAME"
-        )
+        raise argparse.ArgumentTypeError(f"{text}: records have a {name} of their own")
     return name, value
 
 
@@ -38,7 +37,7 @@ class SinkOptions:
     """Where results go.
 
     sink : send events and signals there: mqtt://HOST/TOPIC, jsonl:FILE (lines of JSON; with
-        jsonl:- on stdout, a run then speaks on stderr), or the kind of a plug-in; may repeat
+        jsonl:- on stdout, the command then speaks on stderr), or the kind of a plug-in; may repeat
     sink_rate : most signal records per second
     sink_tag : tag of everything that is sent, as vehicle=17; may repeat
     """
@@ -52,6 +51,11 @@ def appended(args: argparse.Namespace) -> list[Path]:
     """Return the files to which the sinks append."""
     kinds = [address.partition(":")[::2] for address in args.sink if address != STDOUT]
     return [Path(place) for kind, place in kinds if kind.lower() == "jsonl"]
+
+
+def spoken(args: SinkOptions) -> TextIO:
+    """Return the stream for all that is no record."""
+    return sys.stderr if STDOUT in args.sink else sys.stdout
 
 
 def open_sinks(args: SinkOptions) -> "list[tuple[str, Sink]]":
