@@ -70,12 +70,12 @@ class Conclusions:
     ) -> Iterator[tuple[int, Iterable[Happening]]]:
         """Yield events in the order of time, with the number of samples whose ticks come first.
 
-        Cycles, memory and windows come before the tick of their sample, the others behind it.
+        Cycles and windows come before the tick of their sample, the others behind it.
         """
         kept = self._store, self._names
-        if not self._has_begun:
-            self._has_begun = True
-            yield 0, frozen(self._judge_memory(block.t_ns.item(0)), *kept, block.values[0])
+        begins, self._has_begun = not self._has_begun, True
+        if begins and (changed := self._judge_memory(block.t_ns.item(0))):  # behind the first tick
+            yield 1, frozen(changed, *kept, block.values[0])
         self._facts, self._windows = None, [window for _, window in found.items]
         merged = sorted(
             ((k, step, each) for step, own in enumerate(found) for k, each in own),

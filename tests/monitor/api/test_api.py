@@ -21,6 +21,7 @@ import monitor
 from monitor import Code, Monitor, O2Error, OxygenSensorMonitor, load_model, replay
 from monitor.cli import main
 from monitor.grid.tables import read_table
+from monitor.pipeline.events import DtcChanged, Ticks
 from monitor.report.lines import print_recording
 from tests.conftest import ROOT
 
@@ -201,6 +202,8 @@ def test_a_monitor_that_cannot_be_made_holds_no_memory_and_one_that_can_tells_of
         Monitor(buses=[(dbc.path("wideband.dbc"), dbc.path("wideband.toml"))], memory=memory)
     with Monitor(memory=memory) as live:
         assert "begin anew" in live.notes[0]
+        first, lost, *_ = (each for message in messages()[:99] for each in live.push(message))
+    assert isinstance(first, Ticks) and isinstance(lost, DtcChanged)  # time begins with a tick
 
 
 def test_a_result_says_what_is_in_it_on_a_line_and_in_a_notebook() -> None:

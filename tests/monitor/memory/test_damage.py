@@ -126,9 +126,8 @@ def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
     code, (recording,) = replays(healthy, "--memory", path)
     # THEN it is judged, the loss is in text, JSON and codes, and it is no fault of the vehicle
     aside = path.with_name("o2.db-damaged-1")
-    assert code == 0
+    assert (code, recording["fault_flag"]) == (0, False)
     assert recording["memory"] == {"state": "lost", "set_aside": str(aside)}
-    assert not recording["fault_flag"]
     assert [(d["code"], d["fault"], d["state"]) for d in recording["dtcs"]] == [
         ("P062F", "memory_lost", "pending")
     ]
@@ -154,11 +153,9 @@ def test_dtc_says_what_happened_to_a_damaged_memory(
     damage(path, of=slice(1))
     assert main(["dtc", "list", "--memory", str(path), "--json"]) == 0
     said = capsys.readouterr()
-    assert "o2.db: the fault memory was damaged" in said.err
-    assert "nothing is lost" in said.err
+    assert "o2.db: the fault memory was damaged" in said.err and "nothing is lost" in said.err
     found = json.loads(said.out)
-    assert found["memory_state"] == {"state": "repaired", "set_aside": None}
-    assert found["dtcs"]
+    assert found["dtcs"] and found["memory_state"] == {"state": "repaired", "set_aside": None}
     damage(path, b"")
     assert main(["dtc", "clear", "--memory", str(path)]) == 0
     assert "lost and begin anew" in capsys.readouterr().err
