@@ -61,7 +61,7 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
 
     None if the columns are others, or the names more than ``MOST_NAMES``.
     """
-    places = {column.name.casefold(): i for i, column in enumerate(dialect.columns)}
+    places = {each.name.casefold(): i for i, each in enumerate(dialect.columns) if each.name}
     wanted = [(each.casefold(),) for each in pivot] if pivot else map(str.split, _LONG)
     name, value, unit = (next((places[w] for w in words if w in places), None) for words in wanted)
     if name is None or value is None or dialect.columns[name].kind != "text":
@@ -77,7 +77,7 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
             return None
         if len(said) <= len(units) and said[-1] != row[name]:
             said.append(row[name])
-    first = [i for i in range(len(dialect.columns)) if i not in (name, value, unit)]
+    first = [i for i in places.values() if i not in (name, value, unit)]
     columns = (*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items()))
     order = first[0] if first and len(said) == len(units) + 1 > 2 else None
     read = partial(_read_long, path, dialect, (*first, *units), name, value, order)
@@ -150,8 +150,8 @@ def _read(
         if not block:
             break
         found = np.array(block, dtype=np.float64).reshape(len(block), len(places))
-        if dialect.steps:
-            found[np.abs(found) >= NO_VALUE] = np.nan
+        if not dialect.is_exact:
+            found[np.abs(found) >= (NO_VALUE if dialect.steps else np.inf)] = np.nan
         yield found * steps
     if odd:
         left_out = f"{counted(len(odd), 'unreadable cell')} left out"

@@ -118,7 +118,7 @@ TABLES = {
         {"engine_speed_rpm": "nmot_w", "maf_kg_h": "mshfm_w", "lambda_measured": "lamsoni_w"},
     ),
     "one value a row": (
-        '"SECONDS";"PID";"VALUE";"UNITS"\n'
+        '"SECONDS";"PID";"VALUE";"UNITS";\n'
         + rows(
             lambda i: (
                 f'"{i / 10}";"Engine RPM";"{RPM[i]}";"rpm"\n'
@@ -269,10 +269,10 @@ def test_a_counter_of_rows_is_no_time(proposed: Proposed) -> None:
 
 
 def test_one_row_with_a_damaged_time_costs_itself_alone(proposed: Proposed) -> None:
-    table, _ = proposed(
-        "Time,RPM,AFR\n" + rows(lambda i: f"{ {10: 5000, 30: 0}.get(i, i / 10) },{RPM[i]},{AFR[i]}")
-    )
-    assert len(table.t_ns) == len(ROWS) - 2
+    odd = {10: 5000, 20: "1e999", 30: 0}
+    text = "Time,RPM,AFR\n" + rows(lambda i: f"{odd.get(i, i / 10)},{RPM[i]},{AFR[i]}")
+    table, _ = proposed(text)
+    assert len(table.t_ns) == len(ROWS) - 3
     assert table.t_ns[-1] == 3_900_000_000
     assert "2 rows older than one before left out" in table.notes.lines
 
