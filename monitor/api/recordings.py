@@ -44,14 +44,13 @@ def set_up(
     buses: Buses = (),
     columns: str | Path | None = None,
     config: str | Path | None = None,
+    channel: str = "",
 ) -> replays.Setup:
     """Return model, settings and signals for judging; parameters as in ``replay``."""
-    return replays.set_up(
-        model if isinstance(model, Model) else load_model(model),
-        [(path_of(dbc), path_of(signal_map)) for dbc, signal_map in buses],
-        settings.load(path_of(config) if config else None),
-        checked_columns(path_of(columns)) if columns else None,
-    )
+    pairs = [(path_of(dbc), path_of(signal_map)) for dbc, signal_map in buses]
+    loaded = settings.load(path_of(config) if config else None)
+    names = checked_columns(path_of(columns)) if columns else None
+    return replays.set_up(model, pairs, loaded, names, channel=channel)
 
 
 def replay(
@@ -63,6 +62,7 @@ def replay(
     config: str | Path | None = None,
     memory: str | Path | None = None,
     series: bool = False,
+    channel: str = "",
 ) -> Verdict:
     """Judge one drive as fast as possible, as ``o2mon replay`` does.
 
@@ -74,6 +74,7 @@ def replay(
     config : TOML file that changes the shipped settings
     memory : fault memory to go on from and to store into; without one both are empty
     series : keep measurement and prediction in ``Verdict.series``
+    channel : of a log that holds several buses, the one that is meant
     Raises O2Error with one line that names the file or signal, what came and what is wanted.
 
     >>> import numpy as np
@@ -86,7 +87,7 @@ def replay(
     """
     if columns and not isinstance(recording, str | Path):
         raise UsageError(f"columns={columns} is for a file; name arrays by their signals")
-    setup = set_up(model, buses, columns, config)
+    setup = set_up(model, buses, columns, config, channel)
     held = Memory(path_of(memory), hold=True) if memory else None
     with closing(held) if held else nullcontext():
         if isinstance(recording, str | Path):

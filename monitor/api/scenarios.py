@@ -98,17 +98,18 @@ def play_scenario(
     buses: Buses = (),
     columns: str | Path | None = None,
     config: str | Path | None = None,
+    channel: str = "",
 ) -> ScenarioResult:
     """Put the faults of a scenario into a healthy drive and judge it, as ``o2mon inject`` does.
 
     recording : CAN log, table or logger's file
     scenario : TOML file with faults and expectations
     faults : further faults, each ``NAME[=SEVERITY][@START[-END]]`` with times in s
-    model, buses, columns, config : as in ``monitor.replay``
+    model, buses, columns, config, channel : as in ``monitor.replay``
     Raises O2Error with one line that names the file or signal, what came and what is wanted.
     """
     read = load(Path(scenario)) if scenario else Scenario(())
     read = replace(read, faults=read.faults + tuple(map(parse_fault, faults)))
-    entries = play(Path(recording), read, set_up(model, buses, columns, config))
+    entries = play(Path(recording), read, set_up(model, buses, columns, config, channel))
     none = Trace.unpredicted(np.empty(0), np.empty(0))
     return ScenarioResult(read, tuple(Verdict(entry, none) for entry in entries))

@@ -16,8 +16,6 @@ from monitor.judge.findings import Evidence
 from monitor.pipeline.collector import Trace
 from monitor.report.lines import verdict_text
 
-_SERIES = ("t_s", "measured", "predicted", "enabled", "fault_flag")
-
 
 @dataclass(frozen=True, slots=True)
 class Code:
@@ -98,7 +96,7 @@ class Verdict(Shown):
         ``t_s`` in s since the first sample; ``measured`` and ``predicted`` in the output's unit,
         NaN where invalid; ``enabled`` and ``fault_flag`` bool.
         """
-        return {name: np.asarray(getattr(self.series, name)) for name in _SERIES}
+        return {name: np.asarray(getattr(self.series, name)) for name in Trace.__slots__}
 
     def to_polars(self) -> Any:
         """Return the series as a ``polars.DataFrame``; raises UsageError without polars."""

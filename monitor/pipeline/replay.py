@@ -52,7 +52,7 @@ def shipped_model() -> Path:
 
 
 def set_up(
-    model: Path | Model | None,
+    model: str | Path | Model | None,
     pairs: Sequence[tuple[Path, Path]],
     config: Config,
     columns: Path | None = None,

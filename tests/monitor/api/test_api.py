@@ -43,8 +43,10 @@ def test_a_log_has_the_verdict_of_the_command(tmp_path: Path) -> None:
     verdict = replay(LATE)
     assert verdict.to_dict() == told
     assert [code.code for code in verdict.codes] == list(CODES)
-    assert verdict.has_fault
-    assert verdict.is_judged
+    assert verdict.has_fault and verdict.is_judged
+    assert replay(LATE, channel="1").codes == verdict.codes
+    with pytest.raises(O2Error, match="no channel 7, there"):
+        replay(LATE, channel="7")
     assert "P015A delay_symmetric" in str(verdict)
 
 
@@ -94,9 +96,7 @@ def test_frames_one_by_one_give_the_codes_of_the_log() -> None:
             live.push(message)
         live.push(can.Message(is_error_frame=True))
         verdict = live.verdict
-    assert [(code.code, code.t_s) for code in verdict.codes] == [
-        (code.code, code.t_s) for code in replay(LATE).codes
-    ]
+    assert [(c.code, c.t_s) for c in verdict.codes] == [(c.code, c.t_s) for c in replay(LATE).codes]
     assert verdict.entry["counters"]["skipped"] == 1
     assert verdict.to_polars().columns == ["t_s", "measured", "predicted", "enabled", "fault_flag"]
     assert len(verdict.windows_to_polars()) == len(verdict.entry["windows"])
