@@ -24,10 +24,8 @@ from monitor.report.words import (
     is_catalyst_alone,
     is_simulated,
     meaning,
-    names,
     not_listed,
     passed_beside,
-    seconds,
     tests,
     verdict_counts,
     verdict_of,
@@ -154,7 +152,7 @@ def _logger(recording: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _sentence(recording: Mapping[str, Any]) -> str:
     if recording["fault_flag"]:
         return "; ".join(
-            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)}): {text(meaning(names(d)))}"
+            f"{text(d['code'])} {text(fault_words(d))} ({_state(d)}): {_meaning(d)}"
             for d in recording["dtcs"]
         )
     causes = recording["not_judged"]
@@ -204,7 +202,7 @@ def _dtcs(recording: Mapping[str, Any]) -> str:
         {
             "Code": f'<strong class="code">{text(dtc["code"])}</strong>',
             "Fault": f"<code>{text(fault_words(dtc))}</code>",
-            "Meaning": text(meaning(names(dtc))),
+            "Meaning": _meaning(dtc),
             "State": text(dtc["state"]),
             "Set at": _set_at(dtc),
             "Status byte": f"<code>0x{int(dtc['status']):02X}</code>" if "status" in dtc else "",
@@ -224,7 +222,7 @@ def _set_at(dtc: Mapping[str, Any]) -> str:
     if dtc.get("t_s") is None:
         return "earlier driving cycle"
     show = f'<button type="button" data-show="{float(dtc["t_s"])!r}">show</button>'
-    return seconds(dtc) + show
+    return f"{dtc['t_s']:.1f} s{show}"
 
 
 def _evidence(recording: Mapping[str, Any]) -> str:
@@ -335,7 +333,12 @@ def _enabled(recording: Mapping[str, Any]) -> str:
 
 
 def _state(dtc: Mapping[str, Any]) -> str:
-    return ", ".join(part for part in (text(dtc["state"]), seconds(dtc)) if part)
+    when = "" if dtc.get("t_s") is None else f", {dtc['t_s']:.1f} s"
+    return text(dtc["state"]) + when
+
+
+def _meaning(dtc: Mapping[str, Any]) -> str:
+    return text(meaning(dtc["fault"], dtc.get("also", ())))
 
 
 def _memory(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:

@@ -78,9 +78,9 @@ def known_faults() -> dict[str, tuple[str, Advice]]:
     }
 
 
-def meaning(faults: Iterable[str]) -> str:
+def meaning(fault: str, also: Iterable[str] = ()) -> str:
     """Return the meanings of a code's faults; a fault of a plug-in has its name only."""
-    known = known_faults()
+    known, faults = known_faults(), [fault, *also]
     return ", or ".join(known[each][0] if each in known else each for each in faults if each)
 
 
@@ -94,11 +94,6 @@ def advice(dtcs: Iterable[Mapping[str, Any]]) -> list[tuple[str, Advice]]:
             told[each.check] = each
             codes.setdefault(each.check, []).append(dtc["code"])
     return [(", ".join(dict.fromkeys(codes[check])), each) for check, each in told.items()]
-
-
-def names(dtc: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the fault of a code and those that cannot be told from it."""
-    return (dtc["fault"], *dtc.get("also", ()))
 
 
 def confidence(recording: Mapping[str, Any]) -> str:
@@ -184,11 +179,6 @@ def _counted(key: str) -> str:
     """Return a counter in words; a table has one of values out of range for each signal."""
     signal = key.removeprefix("out_of_range_")
     return COUNTED.get(key, key if signal == key else f"{COUNTED['out_of_range']} of {signal}")
-
-
-def seconds(dtc: Mapping[str, Any]) -> str:
-    """Return the time of a code, empty if it has none."""
-    return "" if dtc.get("t_s") is None else f"{dtc['t_s']:.1f} s"
 
 
 def has_model(recording: Mapping[str, Any]) -> bool:

@@ -50,7 +50,7 @@ def _code(dtc: Dtc, frames: Mapping[str, FreezeFrame]) -> dict[str, Any]:
         "code": dtc.code,
         "fault": dtc.fault,
         "also": list(dtc.also),
-        "meaning": meaning((dtc.fault, *dtc.also)),
+        "meaning": meaning(dtc.fault, dtc.also),
         "advice": [each._asdict() for _, each in advice([{"code": dtc.code, "fault": dtc.fault}])],
         "state": dtc.state,
         "status": int(dtc.status),
