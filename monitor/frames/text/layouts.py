@@ -196,7 +196,7 @@ LAYOUTS: Final = (
         r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
         r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
         r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
-        other=r"\s+[a-z-]+(?:\{.*)?",  # what an error frame means
+        other=r"\s+[a-z-]+(?:\{.*)?|.*[$#>] ?candump.*|\^C.*",  # of error frames, of a shell
     ),
     _layout(
         "BusMaster",
@@ -274,11 +274,11 @@ _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
-        r"(?:(?:abs|start) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间|时间标识",
+        r"(?:(?:abs|start|rx) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间|时间标识",
         r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*)',
     ),
     (
-        r"(?:(?:can|arb\w*|frame|msg|message)[ _-]?)?(?:id|identifier|addr\w*)\b.*|帧?id号?",
+        r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?(?:id|identifier|addr\w*)(?:_...)?\b.*|帧?id号?",
         r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?",
     ),
     (
@@ -425,10 +425,10 @@ def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[
 
 def _are_decimal_ids(header: str, ids: set[str]) -> bool:
     """Return whether identifiers are decimal: by the tool, or else some were short 29-bit ones."""
-    if not "".join(ids).isdecimal() or re.search(r"\bid\w*[ _]?[(\[]hex", header, re.I):
+    if not "".join(ids).isdecimal() or re.search(r"\bid\w*[ _]?[(\[_]hex", header, re.I):
         return False
     is_large = any(int(each, 16) >> 29 or re.fullmatch("1...|20[0-4].", each) for each in ids)
-    return is_large or bool(re.search(r"\b(?:can\.id|addr|arbitration_id)\b", header, re.I))
+    return is_large or bool(re.search(r"\b(can\.id|addr|arb\w*_id|id[ _(]+dec\w*)\b", header, re.I))
 
 
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:

@@ -111,7 +111,7 @@ def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) ->
         ("Time (ms),ID (hex),Data", "{},{:X},FE 01", False),
         ("time_ms,id,data", "{},{:X}h,FE 01", False),
         ("time_ms,id,data", "{},{},FE 01", True),
-        ("time_ms,addr,data", "{},{},FE 01", True),
+        ("Rx Time (ms),id_dec,data", "{},{},FE 01", True),
     ],
 )
 def test_identifiers_of_digits_alone_are_hexadecimal_unless_something_tells_otherwise(
