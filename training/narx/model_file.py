@@ -21,8 +21,6 @@ ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
 ALL_OF_A_NETWORK = "the recordings that trained the network, because they are too short"
 OF_TWINS = "the recordings of the training, each predicted by a twin that had not seen it"
 PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card
-
-
 Unseen = Sequence[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen
 
 
@@ -64,7 +62,7 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
     rows = rows & np.isfinite(predicted) & (data.samples.weight > 0)
     measured = data.scaling.unscale_y(data.samples.y[rows])
     a, b = (from_model_units(data.transform, x) for x in (measured, predicted[rows]))
-    if len(a) < 2 or a.std() == 0:
+    if len(a) < 2 or np.ptp(a) == 0.0:
         return {"samples": float(len(a))}
     return {
         "samples": float(len(a)),

@@ -100,13 +100,12 @@ class EcuTable(Shown):
     def facts(self) -> dict[str, object]:
         """Return name, axes, filled cells and their range."""
         good = self.estimate[np.isfinite(self.estimate)]
-        told: dict[str, object] = {"cells": f"{good.size} of {self.estimate.size}"}
-        told |= (
-            {"range": f"{plain(good.min(), 3)} to {plain(good.max(), 3)} {self.unit}"}
-            if good.size
-            else {}
-        )
-        return {"table": self.key, "axes": " × ".join(axis.name for axis in self.axes)} | told
+        axes = " × ".join(axis.name for axis in self.axes)
+        cells = f"{good.size} of {self.estimate.size}"
+        told: dict[str, object] = {"table": self.key, "axes": axes, "cells": cells}
+        if good.size:
+            told["range"] = f"{plain(good.min(), 3)} to {plain(good.max(), 3)} {self.unit}"
+        return told
 
     @property
     def key(self) -> str:

@@ -34,7 +34,7 @@ def fit_percent(measured: FloatArray, simulated: FloatArray) -> float:
     100.0
     """
     measured, simulated = _checked(measured, simulated)
-    spread = float(np.linalg.norm(measured - measured.mean()))
+    spread = float(np.linalg.norm(_about_mean(measured)))
     if spread == 0.0:
         raise ValueError("the measurement is constant")
     return 100.0 * (1.0 - float(np.linalg.norm(measured - simulated)) / spread)
@@ -47,7 +47,7 @@ def correlation(measured: FloatArray, simulated: FloatArray) -> float:
     1.0
     """
     measured, simulated = _checked(measured, simulated)
-    a, b = measured - measured.mean(), simulated - simulated.mean()
+    a, b = _about_mean(measured), _about_mean(simulated)
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > 0 else 0.0
 
@@ -61,7 +61,12 @@ def slope(measured: FloatArray, simulated: FloatArray) -> float:
     2.0
     """
     measured, simulated = _checked(measured, simulated)
-    a = measured - measured.mean()
+    a = _about_mean(measured)
     if not a.any():
         raise ValueError("the measurement is constant")
     return float(a @ (simulated - simulated.mean()) / (a @ a))
+
+
+def _about_mean(values: FloatArray) -> FloatArray:
+    """Return values less their mean: 0 if they are all the same, whose mean may be rounded."""
+    return values - (values.mean() if np.ptp(values) else values[0])

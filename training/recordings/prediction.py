@@ -46,10 +46,7 @@ def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArr
 
 
 def _sha256(row: tuple[FloatArray, FloatArray]) -> str:
-    content = hashlib.sha256()
-    for values in row:
-        content.update(values.tobytes())
-    return content.hexdigest()
+    return hashlib.sha256(b"".join(values.tobytes() for values in row)).hexdigest()
 
 
 def checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:

@@ -144,10 +144,8 @@ def of_columns(columns: Any, name: str, period_s: float | None = None) -> Record
     """
     table = table_of(columns, name)
     names, period_ns, block = _from_table(table, None, _in_ns(period_s))
-    content = hashlib.sha256(json.dumps(table.names).encode())
-    content.update(table.t_ns.tobytes())
-    content.update(table.values.tobytes())
-    digest, notes = content.hexdigest(), table.notes.lines
+    content = json.dumps(table.names).encode() + table.t_ns.tobytes() + table.values.tobytes()
+    digest, notes = hashlib.sha256(content).hexdigest(), table.notes.lines
     return _of_block(table.path, digest, names, period_ns, block, "", notes)
 
 
@@ -175,7 +173,9 @@ def _of_block(
 
 
 def check_each_once(recordings: Sequence[Recording]) -> None:
-    """Raise UsageError if two recordings have the same content, under any name."""
+    """Raise UsageError if there is none, or two have the same content, under any name."""
+    if not recordings:
+        raise UsageError("no recordings: one or more are wanted")
     seen: dict[str, Path] = {}
     for each in recordings:
         if each.sha256 in seen:

@@ -5,6 +5,7 @@ size are chosen by the data. Only the free-run error on the validation blocks de
 and held-out recordings are only reported.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -27,7 +28,6 @@ from training.narx.work import Work
 from training.recordings.samples.preparation import Role
 from training.study.free_runs import FreeRun, judged_on
 from training.study.narx.models import best_stage, spec_from
-from training.study.results import stored
 from training.study.task import Parts, Settings, Task
 
 LEAST_GAIN = 0.01  # of the RMSE; a smaller gain does not justify more weights
@@ -94,7 +94,7 @@ def contenders(task: Task, parts: Parts) -> list[Contender]:
     narx, free, found = parts["narx"], parts["free"], []
     for t in narx.get("tuned", []):
         keys = (t["weights_key"], t["weights_key"].replace("tune", "train"))
-        files = [stored(task.folder / "narx" / f"{key}.json") or {} for key in keys]
+        files = [json.loads((task.folder / "narx" / f"{key}.json").read_text()) for key in keys]
         weights, before = (np.array(file["network"]["weights"]) for file in files)
         spec = spec_from(files[0]["network"]["spec"])
         found.append(Contender(t["name"], spec, weights, before, t["number"], t["stage"]))

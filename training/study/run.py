@@ -7,7 +7,7 @@ was killed takes finished parts from its folder and runs only the rest.
 import hashlib
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -114,9 +114,8 @@ def _done(task: Task, step: StudyStep, parts: Parts) -> tuple[dict[str, Any], bo
     seed = f"{VERSION} {__version__} {step.name} {task.digest(whole=step.whole)}"
     earlier = json.dumps([parts[name] for name in step.uses.split()])
     key = hashlib.sha256((seed + earlier).encode()).hexdigest()
-    files = {"shipped": task.out / "model.onnx", "narx": task.folder / "narx"}
     found = stored(path)
-    if found and found.get("key") == key and files.get(step.name, path).exists():
+    if found and found.get("key") == key and all(p.exists() for p in _files(task, found["result"])):
         return found["result"], True
     began = time.monotonic()
     try:
@@ -126,6 +125,14 @@ def _done(task: Task, step: StudyStep, parts: Parts) -> tuple[dict[str, Any], bo
     result["part_seconds"] = round(time.monotonic() - began, 1)
     write_json(path, {"key": key, "result": result})
     return result, False
+
+
+def _files(task: Task, result: Mapping[str, Any]) -> list[Path]:
+    """Return the files that a stored result names: its model, and the jobs of its tuned models."""
+    tuned = [each["weights_key"] for each in result.get("tuned", ())]
+    keys = [*tuned, *(key.replace("tune", "train") for key in tuned)]
+    model = [task.out / result["path"]] if "path" in result else []
+    return [*model, *(task.folder / "narx" / f"{key}.json" for key in keys)]
 
 
 def _data(task: Task) -> dict[str, Any]:

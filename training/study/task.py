@@ -12,7 +12,7 @@ import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import entry_of
-from training.recordings.recording import Recording
+from training.recordings.recording import Recording, check_each_once
 from training.recordings.samples.preparation import Prepared, prepare
 from training.study.narx.candidates import CANDIDATES
 
@@ -77,13 +77,8 @@ class Task:
                 )
             if not any(r is f for f in self.faulty) and not known.all(axis=0).any():
                 raise RecordingError(f"{r.path}: no sample has {', '.join(names)} all valid")
-        trained = {r.sha256: r.path for r in (*self.recordings, *self.steady)}
-        for r in (*self.test, *self.faulty):
-            if r.sha256 in trained:
-                raise UsageError(
-                    f"{r.path}: is the training recording {trained[r.sha256]}, too; "
-                    "drives that judge must be others"
-                )
+        for trained in filter(None, (self.recordings, self.steady)):  # steady ones may be of these
+            check_each_once((*trained, *self.test, *self.faulty))
         strange = {*self.settings.models} - {c.number for c in CANDIDATES}
         if strange:
             listed = ", ".join(map(str, sorted(strange)))

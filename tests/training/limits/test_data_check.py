@@ -199,9 +199,9 @@ def test_coverage_counts_visited_cells() -> None:
     assert np.sum(found["seconds"]) == pytest.approx(990.0, abs=2.0)
 
 
-def test_the_same_file_twice_is_a_warning(good: Recording) -> None:
+def test_the_same_file_twice_is_an_error_as_for_a_fit(good: Recording) -> None:
     result = check([good, replace(good, path=Path("copy.csv"))], INPUTS, "lean")
-    assert "copy.csv" in only(result, "repeated file", "warning")
+    assert "copy.csv" in only(result, "repeated file", "error")
 
 
 def write_csv(path: Path, columns: dict[str, FloatArray]) -> Path:

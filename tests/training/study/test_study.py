@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +122,13 @@ def test_a_finished_study_is_only_written_again(
     assert capsys.readouterr().out.count("as stored") == len(PARTS)
 
 
+def test_a_job_that_vanished_is_done_again(result: dict[str, Any], command: list[str]) -> None:
+    parts = Path(command[-1]) / "parts"
+    (parts / "choice.json").unlink()
+    (parts / "narx" / f"{result['narx']['tuned'][0]['weights_key']}.json").unlink()
+    assert main(command) == 0
+
+
 def test_study_json_holds_every_part_and_its_figures(result: dict[str, Any]) -> None:
     assert set(PARTS) <= set(result)
     assert not [p for p in PARTS if "skipped" in result[p]]
@@ -167,13 +174,7 @@ def test_the_report_stands_alone(result: dict[str, Any], command: list[str]) -> 
     for target in re.findall(r'href="#([^"]+)"', shown):
         assert f'id="{target}"' in shown
     assert shown.count("<h2") == 14
-    for asked in (
-        "How good",
-        "Better than a linear",
-        "paper's rule find",
-        "much driving",
-        "data enough",
-    ):
+    for asked in ("How good", "than a linear", "paper's rule find", "much driving", "data enough"):
         assert asked in shown[: shown.index("<table")]
     for warning in result["warnings"]:
         assert warning.split("<")[0][:40] in shown
@@ -212,12 +213,15 @@ def test_recordings_that_do_not_fit_together_are_named(
     drives: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     good = str(drives["morning"])
-    other = str(write(tmp_path / "slower.csv", tank(900, 6) * [2, 1, 1, 1]))
+    slow = str(write(tmp_path / "slow.csv", tank(900, 6) * [2, 1, 1, 1]))
+    other = str(write(tmp_path / "slower.csv", tank(900, 6)))
     without = str(write(tmp_path / "without.csv", tank(900, 6), "time_s,valve,drain,level_m"))
     for extra, says in (
-        ([other], "sample period 0.5 s"),
+        ([slow], "sample period 0.5 s"),
         (["--test", without], "without.csv: has no leak"),
-        (["--test", good], "is the training recording"),
+        (["--test", good], "the same as"),
+        ([good], "the same as"),
+        (["--test", other, "--faulty", other], "slower.csv: the same as"),
         (["--models", "77"], "wanted numbers 1 to 29"),
     ):
         out = str(tmp_path / "out")
@@ -239,9 +243,8 @@ def test_of_models_that_are_not_told_apart_the_smaller_is_chosen() -> None:
     blocks = np.linspace(0.5, 2.0, 30)
     noisy = blocks * np.tile([0.8, 1.24], 15)  # 2 % worse, but not in every block
     worse = 1.5 * blocks
-    rows = [
-        candidate(float(np.sqrt(b.sum())), n) for b, n in ((blocks, 400), (noisy, 80), (worse, 20))
-    ]
+    sizes = ((blocks, 400), (noisy, 80), (worse, 20))
+    rows = [candidate(float(np.sqrt(b.sum())), n) for b, n in sizes]
     chosen, equal, reason = decide(rows, [blocks, noisy, worse], strict=True)
     assert chosen == 1 and 2 not in equal and "smaller" in reason
 
@@ -301,6 +304,17 @@ def test_steady_drives_need_others_to_judge(drives: dict[str, Path], tmp_path: P
     task = Task(one, (), (), one, ("valve", "leak"), "level_m", tmp_path, Settings())
     with pytest.raises(RecordingError, match="--test"):
         steady_against_mixed(task, {})
+    few = replace(task, test=(load(drives["test"]),), settings=Settings(n_samples=900))
+    with pytest.raises(RecordingError, match="900 by --samples: 1500 of each are wanted"):
+        steady_against_mixed(few, {})
+
+
+def test_a_drive_whose_reading_stands_still_has_no_fit(drives: dict[str, Path]) -> None:
+    stuck = load(drives["test"])
+    stuck.values[:, 2] = 0.7  # the mean of so many is rounded
+    data = scaled_as(prepare([load(drives["morning"])], ["valve", "leak"], "level_m"), [stuck])
+    run = FreeRun(data, np.linspace(0.0, 1.0, len(data.role)), data.role >= 0)
+    assert run.errors()["all"].keys() == {"samples"}
 
 
 def test_windows_are_fifty_unbroken_samples(drives: dict[str, Path]) -> None:

@@ -98,6 +98,6 @@ def _files(recordings: Sequence[Recording]) -> Iterator[DataFinding]:
     known: dict[str, Recording] = {}
     for r in recordings:
         if r.sha256 in known:
-            text = f"{r.path} and {known[r.sha256].path} are the same file: held-out blocks leak"
-            yield DataFinding("warning", "repeated file", text)
+            text = f"{r.path}: the same as {known[r.sha256].path}; held-out blocks would leak"
+            yield DataFinding("error", "repeated file", text)
         known.setdefault(r.sha256, r)

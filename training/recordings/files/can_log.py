@@ -71,8 +71,8 @@ class Outgoing:
         return encode_message(
             self.message,
             self.integrity,
-            values=physical,
-            n=n,
+            physical,
+            n,
             first_count=self.turn,
             count_step=self.n_turns,
         )

@@ -76,10 +76,7 @@ def scaling_of(
     low, high = u.min(axis=0), u.max(axis=0)
     share = MARGIN[transform]
     margin = share * (high - low)
-    if transform == "phi":
-        y_low, y_high = 0.0, PHI_MAX
-    else:
-        y_low, y_high = _output_range(y, share)
+    y_low, y_high = (0.0, PHI_MAX) if transform == "phi" else _output_range(y, share)
     return Scaling(
         u_mean=u.mean(axis=0),
         u_std=std,

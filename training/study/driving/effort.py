@@ -68,9 +68,6 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     trust = trust_of([(Model.load(path), task.test)], card, config.load(), path.name)
     if not trust:
         return row | {"why": "no held-out drive has a window"}
-    found = trust["found"]
-    return row | {
-        "found": sum(found.values()),
-        "put_on": len(found) * len(task.test[:MOST_DRIVES]),
-        "false": sum(trust["false"].values()),
-    }
+    found, false = trust["found"], sum(trust["false"].values())
+    put_on = len(found) * len(task.test[:MOST_DRIVES])
+    return row | {"found": sum(found.values()), "put_on": put_on, "false": false}

@@ -36,7 +36,8 @@ def steady_against_mixed(task: Task, _: Parts) -> dict[str, Any]:
     n = min(*counts, settings.n_samples)
     if n < FEWEST:
         raise RecordingError(
-            f"{counts[0]} training samples of steady operation, {FEWEST} are wanted"
+            f"{counts[0]} training samples of steady operation, {counts[1]} of all driving, "
+            f"{settings.n_samples} by --samples: {FEWEST} of each are wanted"
         )
     few = [thin(data, n) for data in whole]
     minutes = BUDGET_SHARE * settings.budget_minutes
