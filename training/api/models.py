@@ -118,14 +118,15 @@ def fit(
     """
     if Path(out).suffix != ".onnx":
         raise UsageError(f"{out}: a model file ends in .onnx")
+    if kind not in ("narx", "greybox"):
+        raise UsageError(f"kind {kind!r}: narx or greybox is wanted")
     drives = load_recordings(recordings, period_s=period_s, buses=buses, columns=columns)
     check_each_once(drives)
     outcome: FitOutcome
     if kind == "greybox":
         outcome = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed, **shape)
     else:
-        chosen = tuple(inputs) if inputs else choose_inputs(drives, output)
-        source = FitSource(drives, chosen, output)
+        source = FitSource(drives, inputs or choose_inputs(drives, output), output)
         outcome = fit_narx(source, out, FitOptions(seed=seed, **shape))
     return Fit.of(outcome, drives, columns)
 
@@ -139,10 +140,8 @@ class Evaluation(Shown):
     @property
     def facts(self) -> dict[str, object]:
         """Return the RMSE on each recording."""
-        unit = self.entry["unit"].replace("-", "")
-        return {
-            each["path"]: f"RMSE {plain(each['rmse'])} {unit}".strip() for each in self.recordings
-        }
+        unit, told = self.entry["unit"].replace("-", ""), self.recordings
+        return {each["path"]: f"RMSE {plain(each['rmse'])} {unit}".strip() for each in told}
 
     @property
     def recordings(self) -> list[Mapping[str, Any]]:

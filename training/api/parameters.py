@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import Number
 
 LoadAxis = Literal["kpa", "mg"]
+LOADS: Final = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}
 
 
 @dataclass(frozen=True, kw_only=True)

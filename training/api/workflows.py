@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from monitor.base.counts import plain
+from monitor.base.errors import UsageError
 from monitor.base.types import Shown
 from monitor.model.step import Model
-from training.api.parameters import LoadAxis, TableParameters
+from training.api.parameters import LOADS, LoadAxis, TableParameters
 from training.api.recordings import Given, load_recordings
 from training.ecu_tables import config, fit, signals, tables
 from training.ecu_tables.msq import read_axes
@@ -23,7 +24,6 @@ from training.recordings.recording import Pairs, check_each_once
 __all__ = ["Gap", "GapOptions", "estimate_tables", "find_gap"]
 
 DEFAULT: Final = GapOptions()
-LOADS = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -85,9 +85,7 @@ def find_gap(
     card = Model.load(model).card
     read = partial(load_recordings, period_s=card.period_ns / 1e9, of_model=card.profile)
     material = Material(Path(model), *map(read, (recordings, healthy, verify)))
-    folder = Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
-    result = investigate(material, folder, options, progress=progress)
+    result = investigate(material, Path(out), options, progress=progress)
     return Gap(as_json(result), result)
 
 
@@ -113,12 +111,14 @@ def estimate_tables(
     dimension per axis, NaN where nothing was measured.
     Raises O2Error with one line that names what cannot be used.
     """
+    if load not in LOADS:
+        raise UsageError(f"load {load!r}: kpa or mg is wanted")
     how: dict[str, Any] = {"buses": buses, "columns": columns}
     drives = load_recordings(recordings, period_s=period_s, **how)
+    check_each_once(drives)
     slowest_ns = max(each.period_ns for each in drives)
     if any(each.period_ns != slowest_ns for each in drives):
         drives = load_recordings(recordings, period_s=slowest_ns / 1e9, **how)
-    check_each_once(drives)
     subject = signals.subject_of(drives, LOADS[load], displacement_l, cylinders)
     own = () if axes is None else read_axes(Path(axes), subject.load)
     return tables.tables(fit.fit(subject), axes_of(subject.load, *own), config.defaults())

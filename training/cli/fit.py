@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from monitor.model.card import ModelCard
-    from training.narx.fit import FitResult
+    from training.narx.fit import FitOptions, FitResult
     from training.recordings.recording import Recording
 
 EXAMPLES = """examples:
@@ -45,7 +45,7 @@ def run(args: FitCommand) -> int:
     from training.narx.page.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
 
-    report = _check_fit(args)
+    _check(args)
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
     outcome = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
@@ -58,10 +58,10 @@ def run(args: FitCommand) -> int:
         _print_fit(outcome)
     else:
         greybox.print_fit(outcome)
-    fitted.write_report(report)
+    fitted.write_report(_report(args))
     _print_measures(fitted.card)
     print(fit_verdict(fitted.card)[0])
-    print(f"report: {report}")
+    print(f"report: {_report(args)}")
     return 0
 
 
@@ -70,22 +70,15 @@ def also_written(args: FitCommand) -> list[Path]:
     return [] if args.report else [_report(args)]
 
 
-def _check_fit(args: FitCommand) -> Path:
-    """Return the path of the report; raise UsageError for impossible options."""
+def _check(args: FitCommand) -> None:
+    """Raise UsageError for impossible options, before any recording is read."""
     from monitor.base.errors import UsageError
 
-    if (
-        min(*(1 if n is None else n for n in (args.lags, args.starts)), *(args.hidden or (1,))) < 1
-        or not min(args.budget, args.budget if args.wall is None else args.wall) > 0
-    ):
-        raise UsageError("--lags, --starts, --hidden, --budget and --wall must be positive")
     if args.out.suffix != ".onnx":
         raise UsageError(f"--out {args.out}: a model file ends in .onnx")
-    args.check_seed()
-    report = _report(args)
+    _options(args)
     if args.kind == "greybox":
         greybox.check(args)
-    return report
 
 
 def _report(args: FitCommand) -> Path:
@@ -95,22 +88,26 @@ def _report(args: FitCommand) -> Path:
 def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
     from monitor.base.signals import OUTPUT
     from training.cli.console.progress_bar import Bar
-    from training.narx.fit import FitOptions, FitSource, fit
+    from training.narx.fit import FitSource, fit
 
-    inputs = inputs_of(args, recordings)
+    source = FitSource(recordings, inputs_of(args, recordings), args.output or OUTPUT)
     with Bar(args.budget) as bar:
-        options = FitOptions(
-            lags=args.lags,
-            hidden=tuple(args.hidden) if args.hidden else None,
-            input_lag_start=0 if args.lag_zero else 1,
-            starts=args.starts,
-            budget_minutes=args.budget,
-            wall_minutes=args.wall,
-            seed=args.seed,
-            progress=bar.update,
-            tried=bar.tried,
-        )
-        return fit(FitSource(recordings, inputs, args.output or OUTPUT), args.out, options)
+        return fit(source, args.out, _options(args, progress=bar.update, tried=bar.tried))
+
+
+def _options(args: FitCommand, **told: Any) -> "FitOptions":
+    from training.narx.fit import FitOptions
+
+    return FitOptions(
+        lags=args.lags,
+        hidden=tuple(args.hidden) if args.hidden else None,
+        input_lag_start=0 if args.lag_zero else 1,
+        starts=args.starts,
+        budget_minutes=args.budget,
+        wall_minutes=args.wall,
+        seed=args.seed,
+        **told,
+    )
 
 
 def _tell_reference(card: "ModelCard") -> None:
@@ -148,7 +145,7 @@ def _print_measures(card: "ModelCard") -> None:
 def _print_measure(title: str, figures: "Mapping[str, Any]", card: "ModelCard") -> None:
     if "rmse" not in figures:
         return
-    unit = f"in {card.output.name}" if card.output.unit == "-" else card.output.unit
+    unit = f"in {card.output.name}" if card.output.unit in ("", "-") else card.output.unit
     print(
         f"{title}: free run fit {figures['fit_percent']:.1f} %, "
         f"correlation {figures['correlation']:.4f}, RMSE {plain(figures['rmse'])} "

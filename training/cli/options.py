@@ -72,11 +72,6 @@ class SeedOption:
 
     seed: Number = 0
 
-    def check_seed(self) -> None:
-        """Raise UsageError if the seed is negative."""
-        if self.seed < 0:
-            raise UsageError("--seed is at least 0")
-
 
 @dataclass(frozen=True, kw_only=True)
 class CoreOptions:

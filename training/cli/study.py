@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +42,7 @@ class StudyCommand(SignalOptions, SeedOption, GridOptions):
     models : numbers of the models to train, 1 to 29 (default: all)
     budget : minutes for the model whose memory and size the data choose, as in o2train fit (default
         10); input selection may take 0.4 of the budget more, the training on steady against mixed
-        driving 0.6 divided by --jobs
+        driving 0.6 divided by --jobs, each part of the driving that a calibration takes 0.2
     jobs : number of processes on this machine
     scheduler : run the jobs on the Dask cluster of this scheduler, for example tcp://host:8786
     """
@@ -77,9 +78,10 @@ def run(args: StudyCommand) -> int:
     from training.study.run import study
     from training.study.task import Settings, Task
 
-    if min(args.starts, args.iterations, args.samples, args.jobs) < 1 or not args.budget > 0:
-        raise UsageError("--starts, --iterations, --samples, --jobs and --budget must be positive")
-    args.check_seed()
+    wrong = min(args.starts, args.iterations, args.samples, args.jobs, args.seed + 1) < 1
+    if wrong or not 0.0 < args.budget < inf:
+        wanted = "--starts, --iterations, --samples, --jobs and --budget must be positive"
+        raise UsageError(f"{wanted}, --seed at least 0")
     settings = Settings(
         starts=args.starts,
         iterations=args.iterations,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.counts import plain
-from training.api.parameters import TableParameters
+from training.api.parameters import LOADS, TableParameters
 from training.cli.options import Folder, GridOptions, load_all
 
 WIDENED = 1.05  # of which a line is worth telling
@@ -19,7 +19,7 @@ NAMES = (  # of the tables' files
 
 if TYPE_CHECKING:
     from training.pages.heat import Heat
-    from training.recordings.ecu_table import EcuTable, TableAxes
+    from training.recordings.ecu_table import EcuTable
     from training.recordings.recording import Recording
 
 EXAMPLES = """examples:
@@ -64,18 +64,19 @@ def run(args: TablesCommand) -> int:
     """
     from training.cli.console.share_bar import Share
     from training.ecu_tables import balance, config, files, fit, msq, page, signals, tables
+    from training.recordings.ecu_table import axes_of
     from training.recordings.recording import check_each_once
     from training.recordings.start import start_of
 
     recordings = of_one_period(args)
     check_each_once(recordings)
-    load = {"kpa": "manifold_pressure_kpa", "mg": "air_mass_mg", None: None}[args.load]
-    subject = signals.subject_of(recordings, load, args.displacement_l, args.cylinders)
-    axes = axes_for(args.axes, subject.load)
+    subject = signals.subject_of(recordings, LOADS[args.load], args.displacement_l, args.cylinders)
+    own = () if args.axes is None else msq.read_axes(args.axes, subject.load)
     args.out.mkdir(parents=True, exist_ok=True)
     with Share("tables") as bar:
         fitted = fit.fit(subject, bar.update)
     strict, rough = config.defaults(), config.rough()
+    axes = axes_of(subject.load, *own)
     made = tables.tables(fitted, axes, rough if args.rough else strict)
     beside = [] if args.rough else tables.tables(fitted, axes, rough)
     sources = [
@@ -112,14 +113,6 @@ def of_one_period(args: TablesCommand) -> "list[Recording]":
         )
         recordings = load_all(args, args.recordings, slowest / 1e9)
     return recordings
-
-
-def axes_for(path: Path | None, load: str) -> "TableAxes":
-    """Return the axes of a tune, or the default ones."""
-    from training.ecu_tables.msq import read_axes
-    from training.recordings.ecu_table import axes_of
-
-    return axes_of(load) if path is None else axes_of(load, *read_axes(path, load))
 
 
 def grid(title: str, heat: "Heat") -> str:

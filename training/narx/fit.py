@@ -72,8 +72,13 @@ class FitOptions:
     tried: Callable[[Try], None] | None = None  # takes every structure of the search
 
     def __post_init__(self) -> None:
-        if self.starts is not None and self.starts < 1:
-            raise UsageError(f"starts {self.starts}: must be at least 1")
+        counts = [("lags", self.lags, 1), ("starts", self.starts, 1), ("seed", self.seed, 0)]
+        for name, value, least in (*counts, *(("hidden", n, 1) for n in self.hidden or ())):
+            if value is not None and value < least:
+                raise UsageError(f"{name} {value}: {least} or more is wanted")
+        for name, minutes in (("budget", self.budget_minutes), ("wall", self.wall_minutes)):
+            if minutes is not None and not 0.0 < minutes < np.inf:
+                raise UsageError(f"{name} {minutes:g}: wanted are minutes, more than 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +104,8 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
     for a comparison with other models.
     Raises RecordingError or UsageError if the recordings or names cannot be used.
     """
-    options = options or FitOptions()
+    began_s, options = time.monotonic(), options or FitOptions()
     seed, threads = options.seed, options.threads
-    began_s = time.monotonic()
     whole = Work.of_minutes(options.budget_minutes, options.wall_minutes, options.progress)
     work = whole.up_to(whole.limit * (PARTS - 1) / PARTS)
     data = source.prepared(options.lags or LAGS, seed)
@@ -149,14 +153,8 @@ def write_model(
     if work:
         checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
     network = network_of(twins.data, spec, weights)
-    card = card_of(
-        twins.data,
-        twins.predicted,
-        kind="narx",
-        unseen=twins.to_card(),
-        checks=checks,
-        **shape_of(network, members),
-    )
+    own = {"unseen": twins.to_card(), "checks": checks, **shape_of(network, members)}
+    card = card_of(twins.data, twins.predicted, kind="narx", **own)
     write(out, build(network), card)
     return card
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import polars as pl
@@ -12,6 +13,7 @@ from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
 from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
+from training.narx.fit import FitOptions
 from training.recordings.ecu_table import Axis, EcuTable
 from training.recordings.files.table_files import write_table
 
@@ -75,9 +77,10 @@ def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
     wrong = [drive_of(seed) for seed in (6, 7)]
     for each in wrong:
         each[OUTPUT] = each[OUTPUT] + 0.04 * each["fuel"]
-    gap = find_gap(model, wrong, tmp_path / "gap", healthy=[*map(drive_of, (8, 9, 10))])
+    earlier = copy(model, tmp_path / "model.onnx")
+    gap = find_gap(model, wrong, tmp_path, healthy=[*map(drive_of, (8, 9, 10))])
     assert gap.verdict != "no_gap"
-    assert gap.model is None
+    assert gap.model is None and not earlier.exists()
     assert repr(gap).startswith(f"<Gap verdict: {gap.verdict}, effects: ")
     gap.write_report(tmp_path / "gap.html")
     assert json.loads(json.dumps(gap.to_dict()))["verdict"] == gap.verdict
@@ -94,6 +97,13 @@ def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
         (lambda _: load_recordings(drive_of(1), period_s=0.0), "a sample period of 0.0 s, above"),
         (lambda _: load_recordings(drive_of(1), period_s=np.nan), "a sample period of nan s"),
         (lambda out: estimate_tables(drive_of(1)), "lambda_measured|engine_speed_rpm"),
+        (lambda out: fit([], out / "m.onnx"), "no recordings: one or more"),
+        (lambda out: fit(drive_of(1), out / "m.onnx", kind="grey"), "kind 'grey': narx or grey"),
+        (lambda out: fit(drive_of(1), out / "m.onnx", inputs=INPUTS, lags=0), "lags 0: 1 or more"),
+        (lambda _: FitOptions(budget_minutes=np.inf), "budget inf: wanted are minutes"),
+        (lambda _: FitOptions(wall_minutes=np.nan), "wall nan: wanted are minutes"),
+        (lambda _: estimate_tables([]), "no recordings: one or more"),
+        (lambda _: estimate_tables(drive_of(1), load="bar"), "load 'bar': kpa or mg"),
         (lambda _: GapOptions(add=["wings"]), "'wings' is unknown"),
     ],
 )

@@ -55,6 +55,7 @@ def test_fit_writes_limits_and_a_report(model: Path) -> None:
     ("options", "message"),
     [
         (["--lags", "3"], "--lags: a grey-box model"),
+        (["--budget", "5", "--wall", "3"], "--budget, --wall: a grey-box model"),
         (["--hidden", "4", "--lag-zero"], "--lag-zero, --hidden"),
         (["--output", "downstream_voltage_v"], "a grey-box model predicts lambda_measured alone"),
     ],

@@ -19,6 +19,8 @@ def check(args: FitCommand) -> None:
         "--lag-zero": args.lag_zero,
         "--hidden": args.hidden is not None,
         "--starts": args.starts is not None,
+        "--budget": args.budget != FitCommand.budget,
+        "--wall": args.wall is not None,
     }
     wrong = [option for option, value in is_set.items() if value]
     if wrong:
