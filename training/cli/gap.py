@@ -88,7 +88,7 @@ def run(args: GapCommand) -> int:
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
-    from training.gap.workflow import NEW_MODEL, OFFER, investigate
+    from training.gap.workflow import investigate
 
     gc.freeze()  # of the imported modules nothing becomes garbage
     options = GapOptions(args.steps, args.sensor_known_good, args.add)
@@ -102,9 +102,6 @@ def run(args: GapCommand) -> int:
     )
     with Progress(None, unit="step") as bar:
         result = investigate(material, args.out, options, progress=bar.step)
-    for path, name in ((result.addition.path, NEW_MODEL), (result.addition.offer, OFFER)):
-        if path is None:  # an earlier run may have left one
-            (args.out / name).unlink(missing_ok=True)
     for warning in cautions(result):
         print(f"o2train: warning: {warning}", file=sys.stderr)
     save(result, args.out / RESULT)

@@ -89,15 +89,13 @@ def run(args: SimulateCommand) -> int:
     from training.dyno.recording_files import write
     from training.dyno.simulation import Experiment
 
-    layout = _layout(args)
+    _check_needs(args)
     if args.count < 1 or not args.period >= 0.01:
         raise UsageError("--count is at least 1, --period at least 0.01 s")
     if min(args.seed, args.vehicle) < 0:
         raise UsageError("--seed and --vehicle are at least 0")
     if args.duration is not None and not 0.0 < args.duration < float("inf"):
         raise UsageError(f"--duration {args.duration:g}: a positive number is wanted")
-    if not 0.0 <= args.fault_start < (args.duration or float("inf")):
-        raise UsageError(f"--fault-start {args.fault_start:g}: not within the drive")
     if not 0.0 <= args.active_steps <= 0.1:
         raise UsageError(f"--active-steps {args.active_steps:g}: 0 to 0.1 is wanted")
     fault, downstream_fault = _faults(args.fault)
@@ -117,7 +115,7 @@ def run(args: SimulateCommand) -> int:
             fault_start_s=args.fault_start,
             effects=hidden,
             duration_s=args.duration,
-            layout=layout,
+            layout=_layout(args),
             downstream=bool(args.downstream or downstream_fault or args.active_steps > 0.0),
             wide_downstream=args.downstream == "wide",
             active_steps_phi=args.active_steps,
@@ -156,14 +154,30 @@ def combined(parts: "Sequence[Fault]") -> "Fault | None":
 
 
 def _layout(args: SimulateCommand) -> "EngineLayout | None":
-    """Return the layout of the options; raises UsageError where only a part of it is given."""
     from training.dyno.engine import EngineLayout
 
-    if args.injection is None and args.metering:
-        raise UsageError("--metering needs --injection")
     if args.injection is None:
         return None
     return EngineLayout(args.injection, args.metering or "speed_density")
+
+
+def _check_needs(args: SimulateCommand) -> None:
+    """Raise UsageError for an option that would have no effect."""
+    from training.dyno.recording_files import TABLES
+
+    sudden = [name for name in args.fault if name.partition("=")[0] != downstream.CATALYST_FAULT]
+    for option, is_given, needs, is_there in (
+        ("--metering", args.metering, "--injection", args.injection),
+        ("--fault-start", args.fault_start, "a --fault that begins in a drive", sudden),
+        (
+            "--period",
+            args.period != SimulateCommand.period,
+            "--format of a table",
+            args.format in TABLES,
+        ),
+    ):
+        if is_given and not is_there:
+            raise UsageError(f"{option} needs {needs}")
 
 
 def _severity(text: str) -> tuple[str, float]:

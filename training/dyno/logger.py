@@ -31,12 +31,7 @@ OF_METERING: Final = {
     "speed_density": ("manifold_pressure_kpa", "volumetric_efficiency_percent"),
     "maf": ("maf_kg_h",),
 }
-ONLY_SOME: Final = {
-    "manifold_pressure_kpa",
-    "volumetric_efficiency_percent",
-    "maf_kg_h",
-    "rail_pressure_mpa",
-}
+ONLY_SOME: Final = {*OF_METERING["speed_density"], *OF_METERING["maf"], "rail_pressure_mpa"}
 
 
 def columns(layout: EngineLayout) -> tuple[str, ...]:

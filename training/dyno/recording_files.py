@@ -39,8 +39,7 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
     sent = ecu.broadcast(signals, bus_map, rng, experiment.fault, experiment.fault_start_s)
     if suffix in TABLES:
         block = ecu.samples(sent, bus_map, round(period_s * 1e9))
-        t_s = block.t_ns / 1e9
-        write_table(path, t_s, ecu.names_of(sent, bus_map), block.values)
+        write_table(path, block.t_ns / 1e9, ecu.names_of(sent, bus_map), block.values)
     else:
         write_log(path, ecu.frames(sent))
     _note(experiment, path)

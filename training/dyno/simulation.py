@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from monitor.base.errors import UsageError
 from monitor.base.faults import Fault
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
@@ -79,6 +80,9 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
     """Return air side, mixture and conditions of the drive; raises as ``simulate``."""
     key = _key(experiment)
     trace = cycles.load(experiment.cycle, np.random.default_rng(key), experiment.duration_s)
+    length_s, start_s = len(trace.speed_m_s) * cycles.STEP_S, experiment.fault_start_s
+    if not 0.0 <= start_s < length_s:
+        raise UsageError(f"fault start {start_s:g} s: not within the drive of {length_s:g} s")
     piece = experiment.piece or vehicle.piece(experiment.vehicle)
     conditions = experiment.conditions or vehicle.conditions(experiment.seed)
     effects = experiment.effects
@@ -94,7 +98,7 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
         conditions,
         effects,
         fault=experiment.fault,
-        start_s=experiment.fault_start_s,
+        start_s=start_s,
         rng=np.random.default_rng([*key, 2]),
         phi_step=trace.phi_step,
         forced_trim=experiment.forced_trim,

@@ -34,15 +34,12 @@ def failed(drives: Sequence[FleetDrive], reason: str) -> Done:
 def joined(parts: Sequence[Done]) -> Done:
     """Return several results as one."""
     steps = dict.fromkeys(step for part in parts for step in part.seconds)
+    summed = ("drives", "errors", "faults", "driving_s", "size_bytes")
     return Done(
         recordings=_concatenated([part.recordings for part in parts]),
         windows=_concatenated([part.windows for part in parts]),
-        drives=sum(part.drives for part in parts),
-        errors=sum(part.errors for part in parts),
-        faults=sum(part.faults for part in parts),
         seconds={step: sum(part.seconds.get(step, 0.0) for part in parts) for step in steps},
-        driving_s=sum(part.driving_s for part in parts),
-        size_bytes=sum(part.size_bytes for part in parts),
+        **{name: sum(getattr(part, name) for part in parts) for name in summed},
     )
 
 

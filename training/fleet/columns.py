@@ -37,7 +37,7 @@ ESTIMATES: Final[Columns] = {
     for kind in ("", "_std")
 }
 
-BEHIND: Final[Columns] = {  # key of the monitor's entry → column, see ``BEHIND_KEYS``
+BEHIND: Final[Columns] = {
     "catalyst_capacity_g": (pl.Float64(), "estimated oxygen storage of the catalyst, g"),
     "catalyst_capacity_low_g": (pl.Float64(), "lower end of its 90 % interval, g"),
     "catalyst_capacity_high_g": (

@@ -11,6 +11,7 @@ from typing import Any, Final
 from weakref import finalize
 
 from monitor.base.config import Config
+from monitor.base.files.outputs import write_bytes
 from monitor.decode.bus_map import load_pairs
 from monitor.grid.tables import checked_columns
 from monitor.judge.limits import Limits
@@ -156,7 +157,7 @@ def _lay(folder: Path, file: File) -> Path:
     """
     folder.mkdir(exist_ok=True)
     path = folder / file[0]
-    path.write_bytes(file[1])
+    write_bytes(path, file[1])
     return path
 
 

@@ -48,7 +48,7 @@ def investigate(
     """Return the result of all steps; a new model, if there is one, is ``out``/model.onnx.
 
     A model with which the monitor is worse off than with the old one, or whose effect may be a
-    fault, is ``out``/offer.onnx instead.
+    fault, is ``out``/offer.onnx instead. What an earlier run left under either name goes.
 
     known : the healthy behaviour, if ``yardstick.learn`` has learned it before; else it is learned
         from the healthy recordings, or read from the model's card
@@ -60,13 +60,11 @@ def investigate(
     card = base.card_of(material.model)
     missing = suitability.check_files(material.roles, card, material.model.name)
     if missing or card.transform != "phi":
-        return run_comparison.investigate(
-            material,
-            card,
-            missing,
-            sensor_known_good=options.sensor_known_good,
-            progress=progress,
+        result = run_comparison.investigate(
+            material, card, missing, sensor_known_good=options.sensor_known_good, progress=progress
         )
+        delivered(result.addition, None, out)
+        return result
     subject = Subject.of(material, card)
     found = Knowledge.of(subject, known, progress)
     naming = name(
@@ -140,12 +138,12 @@ def _described(naming: Naming, verification: Verification | None) -> str | None:
 
 def delivered(addition: Addition, verification: Verification | None, out: Path) -> Addition:
     """Return the addition with its file in ``out``, as an offer if anything speaks against it."""
-    if addition.path is None:
-        return addition
     why = addition.withdrawn or (verification.harm if verification else None)
-    file = addition.path.replace(out / (OFFER if why else NEW_MODEL))
+    file = addition.path and addition.path.replace(out / (OFFER if why else NEW_MODEL))
+    for other in {NEW_MODEL, OFFER} - {file and file.name}:  # of an earlier run
+        (out / other).unlink(missing_ok=True)
     path, offer = (None, file) if why else (file, None)
-    return replace(addition, path=path, offer=offer, withdrawn=why)
+    return replace(addition, path=path, offer=offer, withdrawn=why if file else None)
 
 
 def _warnings(

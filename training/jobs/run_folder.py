@@ -14,7 +14,6 @@ from monitor.base.files.outputs import write_text
 
 RUN: Final = "run.json"
 PACKAGES: Final = (monitor, training)
-SOURCES: Final = (".py", ".toml")
 
 
 def claim(folder: Path, identity: Mapping[str, Any]) -> None:
@@ -47,6 +46,6 @@ def code_sha256(*more: Path) -> str:
     """Return the digest of all code and numbers of the product, and of the folders ``more``."""
     digest = hashlib.sha256()
     for folder in (*(Path(str(each.__file__)).parent for each in PACKAGES), *more):
-        for path in sorted(p for p in folder.rglob("*") if p.suffix in SOURCES):
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in (".py", ".toml")):
             digest.update(path.relative_to(folder.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()

@@ -162,6 +162,9 @@ def test_a_reader_that_goes_away_changes_neither_result_nor_exit_code(
         ["simulate", "--fault", "sticky"],
         ["simulate", "--cycle", "nedc"],
         ["simulate", "--fault", "gain_low", "--fault-start", "1000", "--duration", "20"],
+        ["simulate", "--fault", "gain_low", "--fault-start", "5000"],  # the cycle ends before
+        ["simulate", "--fault", "catalyst_low", "--fault-start", "5"],  # bad from the start
+        ["simulate", "--duration", "20", "--period", "0.2"],  # of a log
     ],
 )
 def test_a_drive_that_cannot_be_simulated_is_refused(

@@ -87,7 +87,7 @@ def as_page(
 def _verdict(found: Figures) -> str:
     """Return how many vehicles have a code, and which code most of them have."""
     vehicles = len({each["vehicle"] for each in found["drives_with_code"]})
-    text = f"{vehicles:,} of {counted(found['vehicles'], 'vehicle')} have a code"
+    text = f"A code stands in {vehicles:,} of {counted(found['vehicles'], 'vehicle')}"
     if not vehicles:
         reason = ": no judged recording ends with one"
     else:

@@ -61,6 +61,10 @@ def test_a_model_that_hardly_follows_its_own_vehicle_is_warned_of() -> None:
     assert suitability.poor_model_warnings(CARD) == []
     weak = replace(CARD, fit={"test": {}, "test_enabled": {"correlation": 0.2}})
     assert "0.20" in suitability.poor_model_warnings(weak)[0]
+    never_enabled = replace(
+        weak, fit={"test": {"correlation": 0.2}, "test_enabled": {"samples": 0}}
+    )
+    assert "0.20" in suitability.poor_model_warnings(never_enabled)[0]
 
 
 def test_a_constant_smaller_than_its_standard_error_is_warned_of() -> None:
