@@ -98,10 +98,10 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
     found += list(_still_inputs(seen, asked, found if undecided else None))
     grave = [each for each in found if _is_grave(each)]
     if judgement is None:
-        return grave
+        return grave[:MOST]
     if judgement.judges_cuts:  # fuel cuts are evidence, so few are no remedy
         found = [each for each in found if each.condition != "fuel_cut_recovered"]
-    found = grave or found
+    found = (grave or found)[:MOST]
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
         evidence = _evidence(seen, asked, judgement)
         found = [*grave, *evidence] if grave else [*evidence, *found]
@@ -125,7 +125,7 @@ def _blocked(seen: Observation, asked: Asked) -> Iterator[Cause]:
     worst = sorted(shares, key=lambda name: shares[name])
     named: set[tuple[str | None, str]] = set()  # signals with the reason that was told
     for condition in worst:
-        if shares[condition] >= HELD_ENOUGH or len(named) == MOST:
+        if shares[condition] >= HELD_ENOUGH:
             return
         cause = _of_condition(condition, shares[condition], seen, asked)
         if (cause.signal, cause.reason) not in named:
