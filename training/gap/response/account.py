@@ -15,6 +15,7 @@ from training.greybox.quantity.dynamics import delayed, lag
 
 DELAYS_S: Final = tuple(np.arange(0.0, 1.51, 0.1).tolist())
 LAGS_S: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0, 3.0)
+LONG_S: Final = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +90,10 @@ def curve_of(family: Family, held: Held) -> ResponseCurve:
 
 def past_s(held: Held, period_s: float) -> float:
     """Return the time in which half of a driver's step passes by its lags' weights, inf if long."""
-    t = np.arange(0.0, 60.0, period_s)
+    t = period_s * np.arange(max(int(np.ceil(LONG_S / period_s)), 2))
     step = sum(
         w * (lag(np.r_[0.0, np.ones(len(t) - 1)], s, period_s) - 1.0)
         for w, s in zip(held.coefficients, PASTS_S, strict=True)
     )
-    begin = step[1]
-    after = np.flatnonzero(np.abs(step[1:]) <= 0.5 * abs(begin))
+    after = np.flatnonzero(np.abs(step[1:]) <= 0.5 * abs(step[1]))
     return float(t[after[0]]) if len(after) else np.inf

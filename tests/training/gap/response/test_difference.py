@@ -55,6 +55,11 @@ def test_runs_as_they_were_have_no_gap() -> None:
     assert found(lambda _, r: r.phi_measured).best is None
 
 
+def test_samples_a_minute_apart_are_compared_too() -> None:
+    slow, known = ([replace(r, period_s=60.0) for r in each] for each in (new(), healthy().healthy))
+    assert difference_of(slow, ResponseReference.learn(known, INPUTS)).best is None
+
+
 def test_a_ripple_over_speed_is_described() -> None:
     answer = found(lambda _, r: r.phi_measured + 0.005 * np.sin(6.0 * r.signals["speed"]))
     assert answer.best is not None
