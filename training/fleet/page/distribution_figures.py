@@ -20,24 +20,24 @@ AWAY: Final = "robust standard deviations from the fleet's median"
 def distribution_figure(recordings: pl.DataFrame, windows: Path, limits: Limits) -> Drawing:
     """Draw histograms of windows and drives; dashed lines are the model's limits."""
     contents = (
-        ("mean", "mean residual of a window", True, limits.j_mu),
-        ("std", "residual's spread in a window", True, limits.j_sigma),
-        ("evidence", "evidence for a faulty sensor in a drive", False, None),
-        ("offset", "offset at a drive's end", False, limits.offset_high),
-        ("gain", "gain at a drive's end", False, None),
-        ("enabled_share", "share of a drive that may be judged", False, None),
+        ("mean", "mean residual of a window", True, (-limits.j_mu, limits.j_mu)),
+        ("std", "residual's spread in a window", True, (limits.j_sigma,)),
+        ("evidence", "evidence for a faulty sensor in a drive", False, ()),
+        ("offset", "offset at a drive's end", False, (limits.offset_low, limits.offset_high)),
+        ("gain", "gain at a drive's end", False, ()),
+        ("enabled_share", "share of a drive that may be judged", False, ()),
     )
     drives = recordings.with_columns(
         (pl.col("enabled_s") / pl.col("duration_s")).alias("enabled_share")
     )
     plots = []
-    for column, title, of_windows, limit in contents:
+    for column, title, of_windows, at in contents:
         values = (
             pl.read_parquet(windows, columns=[column], glob=False)[column]
             if of_windows
             else drives[column]
         )
-        plots.append(_histogram(values.drop_nulls().to_numpy(), title, limit))
+        plots.append(_histogram(values.drop_nulls().to_numpy(), title, at))
     return Drawing(plots, columns=(1, 1, 1))
 
 
@@ -69,7 +69,7 @@ def standing_figure(found: Sequence[Standing], chosen: Mapping[str, int]) -> Dra
     return Drawing(plots)
 
 
-def _histogram(values: FloatArray, title: str, limit: float | None) -> Plot:
+def _histogram(values: FloatArray, title: str, limits: Sequence[float]) -> Plot:
     if not len(values):
         return plot(f"{title}: none", height=170)
     low, high = (
@@ -77,8 +77,6 @@ def _histogram(values: FloatArray, title: str, limit: float | None) -> Plot:
     )
     span = max(float(high - low), 1e-6)
     inside = np.clip(values, low - 0.02 * span, high + 0.02 * span)  # the ends gather the rest
-    sides = (-1.0, 1.0) if values.min() < 0.0 else (1.0,)
-    at = [] if limit is None else [side * limit for side in sides]
-    lines = [layer("rule", x=[x], dash=[5, 4], color="failed", width=1.25) for x in at]
+    lines = [layer("rule", x=[x], dash=[5, 4], color="failed", width=1.25) for x in limits]
     bars = histogram(inside, BINS, color="measured")
     return plot(title, bars, *lines, y=axis(scale="log", low=0.8), height=170)
