@@ -191,7 +191,8 @@ def decide(
             "weights; over the blocks the two are not told apart, so the smaller one is chosen."
         )
     if strict and len(forgets) < len(rows):
-        text += f" {len(rows) - len(forgets)} of {len(rows)} do not forget their history."
+        last = " and come last" if forgets else ""
+        text += f" {len(rows) - len(forgets)} of {len(rows)} do not forget their history{last}."
     return smallest, equal, text
 
 

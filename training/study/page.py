@@ -41,7 +41,7 @@ def report(parts: Parts, warnings: list[str]) -> str:
         "study/report.html",
         f"Study of {choice['output']}",
         verdict=choice["reason"],
-        confidence=_confidence(choice),
+        confidence=confidence(choice),
         warnings=warnings,
         parts=parts,
         say=words,
@@ -61,12 +61,14 @@ def section(name: str, parts: Parts) -> str:
     return part(f"study/{name}.html", result=result, parts=parts, draw=figures, say=words, **values)
 
 
-def _confidence(choice: Mapping[str, Any]) -> str:
+def confidence(choice: Mapping[str, Any]) -> str:
     """Return how the chosen model does on samples that chose nothing, and who is beside it."""
-    found = choice["candidates"][choice["chosen"]]["after"]["all"]
-    equal = len(choice["equal"]) - 1
-    told = f"{counted(equal, 'other')} {'is' if equal == 1 else 'are'} not told apart from it"
-    beside = told if equal else "no other model is as good"
+    own, equal = choice["candidates"][choice["chosen"]], len(choice["equal"]) - 1
+    found, errors = own["after"]["all"], [c["validation_rmse"] for c in choice["candidates"]]
+    is_best = own["validation_rmse"] == min(e for e in errors if e is not None)
+    beside = f"no other model {'' if is_best else 'that forgets its history '}is as good"
+    if equal:
+        beside = f"{counted(equal, 'other')} {'is' if equal == 1 else 'are'} not told apart from it"
     if found.get("fit_percent") is None:
         return f"{beside} on the validation blocks."
     return (

@@ -27,7 +27,7 @@ from training.recordings.samples.preparation import prepare
 from training.study.choice import decide
 from training.study.driving.steady import steady_against_mixed
 from training.study.free_runs import WINDOW, FreeRun, scaled_as
-from training.study.page import section
+from training.study.page import confidence, section
 from training.study.sensor import against_sensor, residuals
 from training.study.task import Settings, Task
 
@@ -251,8 +251,11 @@ def test_of_models_that_are_not_told_apart_the_smaller_is_chosen() -> None:
 
 def test_for_lambda_a_model_that_does_not_forget_comes_last() -> None:
     blocks = np.linspace(1.0, 2.0, 20)
-    rows = [candidate(1.0, 100, forgets=False), candidate(2.0, 100)]
-    assert decide(rows, [blocks, 4 * blocks], strict=True)[0] == 1
+    rows = [candidate(1.0, 100, forgets=False), candidate(2.0, 100) | {"after": {"all": {}}}]
+    chosen, equal, reason = decide(rows, [blocks, 4 * blocks], strict=True)
+    assert chosen == 1 and reason.endswith("1 of 2 do not forget their history and come last.")
+    told = confidence({"candidates": rows, "chosen": chosen, "equal": equal})
+    assert told.startswith("no other model that forgets its history is as good")
     assert decide(rows, [blocks, 4 * blocks], strict=False)[0] == 0
     with pytest.raises(RecordingError, match="every training diverged"):
         decide([candidate(float("nan"), 5)], [blocks], strict=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import RecordingError
 from monitor.base.faults import resolve
 from tests.helpers.drives.recordings import recording_of
 from training.dyno.recording_files import write
@@ -109,12 +109,9 @@ def test_components_are_those_of_the_correlation_matrix() -> None:
 def test_the_candidates_are_the_eleven_where_they_are_recorded() -> None:
     columns = {name: np.zeros(3) for name in (*CANDIDATES, "lambda_measured", "battery_voltage_v")}
     assert len(CANDIDATES) == 11
-    assert candidates([recording_of(columns)], CANDIDATES[:7], "lambda_measured") == CANDIDATES
+    assert candidates([recording_of(columns)], CANDIDATES[:7]) == CANDIDATES
     other = recording_of({name: np.zeros(3) for name in ("speed", "load", "y")})
-    assert candidates([other], ("load",), "y") == ("load",)
-    assert candidates([other], (), "y") == ("speed", "load")
-    with pytest.raises(UsageError, match="no input"):
-        candidates([recording_of({"y": np.zeros(3)})], (), "y")
+    assert candidates([other], ("load",)) == ("load",)
 
 
 def test_every_set_of_inputs_gets_the_same_samples_and_blocks() -> None:

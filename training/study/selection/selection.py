@@ -45,22 +45,14 @@ ENOUGH = 0.9  # share of the variance that the kept components explain
 BUDGET_SHARE = 0.4  # of the study's budget
 
 
-def candidates(
-    recordings: Sequence[Recording], inputs: Sequence[str], output: str
-) -> tuple[str, ...]:
+def candidates(recordings: Sequence[Recording], inputs: tuple[str, ...]) -> tuple[str, ...]:
     """Return the candidate inputs.
 
     They are the paper's eleven candidates if the recordings have all of them and ``inputs`` are
-    among them, else ``inputs``. Without ``inputs`` they are all columns except the output.
-    Raises UsageError if no candidate is left.
+    among them, else ``inputs``.
     """
-    common = [n for n in recordings[0].names if all(n in r.names for r in recordings)]
-    names = tuple(inputs) or tuple(n for n in common if n != output)
-    if inputs and set(CANDIDATES) <= set(common) and set(inputs) <= set(CANDIDATES):
-        names = CANDIDATES
-    if not names:
-        raise UsageError(f"no input but the output {output}")
-    return names
+    common = set[str].intersection(*({*r.names} for r in recordings))
+    return CANDIDATES if {*inputs} <= {*CANDIDATES} <= common else inputs
 
 
 def selection(task: Task, _: Parts) -> dict[str, Any]:
@@ -70,8 +62,7 @@ def selection(task: Task, _: Parts) -> dict[str, Any]:
     budget are too short.
     """
     recordings, output, seed = task.recordings, task.output, task.settings.seed
-    names = candidates(recordings, task.inputs, output)
-    chosen = tuple(task.inputs) or names
+    names, chosen = candidates(recordings, task.inputs), task.inputs
     transform = output_transform(output)
     parts = [p.values for p in linear_stretches(recordings, names, output)[0]]
     values = np.concatenate(parts)
