@@ -35,11 +35,6 @@ SHOWN: Final = {
     "cycles": (1.0, "cycles", 2),
     "mg/ms": (1.0, "mg/ms", 2),
 }
-AXES: Final = {
-    "engine_speed_rpm": "engine speed [1/min]",
-    "battery_voltage_v": "battery voltage [V]",
-    "exhaust_flow_kg_h": "exhaust flow [kg/h]",
-}
 WANTED_S: Final = 40.0  # usable seconds that fill most cells
 LEGS_MOST: Final = 12
 
@@ -113,7 +108,7 @@ def heat(table: EcuTable) -> Heat:
     first, *second = table.axes
     loads = second[0].values if second else (0.0,)
     of_load = f", load [{second[0].unit}]" if second else ""
-    corner = f"{unit}{of_load} over {AXES[first.name]}"
+    corner = f"{unit}{of_load} over {' '.join(first.name.split('_')[:2])} [{first.unit}]"
     rows = [
         (f"{load:g}" if second else unit, [cell(i, j) for i in range(shape[0])])
         for j, load in reversed([*enumerate(loads)])

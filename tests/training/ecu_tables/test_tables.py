@@ -17,6 +17,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.cli import main
 from training.cli.console.share_bar import Share
+from training.cli.tables import grid
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
@@ -25,7 +26,7 @@ from training.ecu_tables.config import defaults
 from training.ecu_tables.files import csv, tuner_studio
 from training.ecu_tables.fit import _Problem, fit
 from training.ecu_tables.msq import injectors_text, read_axes
-from training.ecu_tables.page import heat, plan
+from training.ecu_tables.page import heading, heat, plan
 from training.ecu_tables.parameters import SHARE_MOST, Parameters, Vector, grid_over
 from training.ecu_tables.prediction import PredictionCase, air_mg, reading
 from training.ecu_tables.signals import subject_of
@@ -373,6 +374,10 @@ def test_logs_that_agree_leave_the_interval_and_logs_that_disagree_widen_it() ->
     assert alike.widened == 1.0
     assert apart.widened > 1.5
     assert apart.low[0, 0] < 2.77 and apart.high[0, 0] > 3.25
+    # AND the console shows the flow over the fuel pressure
+    flow = replace(alike, unit="mg/ms", axes=(axes_of("air_mass_mg").pressure(direct=False),))
+    text = grid(heading(flow), heat(flow))
+    assert text.startswith("Injector flow, mg/ms over fuel pressure [-]\n") and " 3.00 ±" in text
 
 
 def test_a_cell_whose_logs_exclude_each_other_is_blank_and_says_so() -> None:
