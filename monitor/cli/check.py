@@ -1,7 +1,6 @@
 """``o2mon check``: say which mapped signals are present."""
 
 import argparse
-import re
 import time
 import tomllib
 from collections.abc import Sequence
@@ -109,7 +108,7 @@ def _concluded(
     if missing:
         say(f"missing for the model: {', '.join(missing)}")
         maps = "".join(path.read_text(errors="replace") for _, path in setup.bus_map.pairs)
-        if commented := [n for n in missing if re.search(rf"^#\s*{n} = {{", maps, re.M)]:
+        if commented := [n for n in missing if f" {n} = {{" in maps and f"\n{n} = {{" not in maps]:
             say(f"comments of the map, to be confirmed: {', '.join(commented)}")
         return NOT_JUDGED
     held = f"every signal, but stale at times: {', '.join(stale)}" if stale else "all its signals"

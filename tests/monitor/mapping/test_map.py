@@ -127,6 +127,11 @@ def test_the_command_writes_a_map_and_says_what_is_missing(
     assert main(["map", str(wideband), "--out", str(out), "--force"]) == 3
     assert main(["check", str(log), "--dbc", str(wideband), "--map", str(out)]) == 3
     assert "comments of the map, to be confirmed: lambda_measured" in capsys.readouterr().out
+    # but for one that stands beside comments
+    text = out.read_text().replace("#   lambda_m", "lambda_m", 1)
+    out.write_text(f"{text}# lambda_measured = {{}}\n")
+    assert main(["check", str(log), "--dbc", str(wideband), "--map", str(out)]) == 3
+    assert "to be confirmed" not in capsys.readouterr().out
 
 
 def test_a_signal_beyond_the_end_of_its_message_is_not_proposed() -> None:
