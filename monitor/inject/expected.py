@@ -16,6 +16,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import block_of
 from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
+from monitor.judge.causes.causes import Cause
 from monitor.memory.store import Memory
 from monitor.pipeline.replay import Setup
 
@@ -86,20 +87,20 @@ def compare(scenario: Scenario, recordings: Sequence[Recording]) -> list[Row]:
         rows += [_row(expectation, recording, begin_s) for expectation in expected]
         if not expected or any(e.code == NO_CODE for e in expected):
             continue  # the drive has no expectation, or the row above covers every code
-        codes = {e.code for e in expected}
         rows += [
             Row(drive, "no other code", _seen(dtc, begin_s), False)
             for dtc in recording["dtcs"]
-            if dtc["code"] not in codes
+            if dtc["code"] not in {e.code for e in expected}
         ]
     return rows
 
 
 def _row(expected: Expectation, recording: Recording, begin_s: float) -> Row:
     seen = ", ".join(_seen(dtc, begin_s) for dtc in recording["dtcs"]) or "no code"
+    if not recording["completed"]:
+        why = [Cause(**cause).in_words for cause in recording["not_judged"] or ()]
+        seen = ": ".join([f"{seen}, not judged", *why[:1]])
     if expected.code == NO_CODE:
-        if not recording["completed"]:
-            seen += ", not judged"
         met = not recording["dtcs"] and (recording["completed"] or not expected.judged)
         return Row(expected.drive, str(expected), seen, met)
     for dtc in recording["dtcs"]:
