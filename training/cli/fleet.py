@@ -1,5 +1,6 @@
 """The command ``o2train fleet``: judge all recordings of a fleet, one table row per recording."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,10 +81,11 @@ def run(args: FleetCommand) -> int:
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
     html, json_path = fleet_page.write(args.out, kit, result)
+    decided = json.loads(json_path.read_text())["completed"]["events"]
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
-        f"with a code, {result['errors']} could not be judged"
+        f"with a code, {result['errors']} could not be judged; the response test decided {decided}"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
     print(f"figures: {json_path}\nreport: {html}")

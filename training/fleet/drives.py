@@ -79,6 +79,8 @@ def drives_of(
         vehicle_of[path] = vehicle or _named(path, pattern)
     if not vehicle_of:
         raise UsageError(f"{', '.join(given)}: no recording there but what the run itself writes")
+    if pattern and not any(vehicle_of.values()):
+        raise UsageError(f"--vehicle {pattern}: matches no path, as {path}")
     names = Counter(vehicle or places.name_of(path) for path, vehicle in vehicle_of.items())
     entries_of, copies = cache(_entries), _copies(vehicle_of)  # each manifest.json is read once
     count: dict[str, int] = {}

@@ -226,6 +226,8 @@ def test_recordings_are_found_by_folder_pattern_and_manifest(folder: Path, tmp_p
     assert (quoted.vehicle, quoted.path) == ("7, red", str(tmp_path / "x/1, 2.log"))
     named = drives_of([str(folder)], r"drive_0*(\d)")
     assert [(d.vehicle, d.drive) for d in named[:3]] == [("0", 0), ("1", 0), ("2", 0)]
+    with pytest.raises(UsageError, match=r"^--vehicle car_\(.\): matches no path, as .*drive_"):
+        drives_of([str(folder)], "car_(.)")
 
 
 def test_what_a_run_writes_among_its_recordings_is_none_of_them(
@@ -384,7 +386,8 @@ def test_the_command_says_what_it_found(
     out = tmp_path / "out.parquet"
     call = ["fleet", f"{folder}/*.parquet", "--model", MODEL, "--out", str(out), "--jobs", "1"]
     assert main(call) == 0
-    assert "5 recordings, 0.2 h: 1 with a code, 0 could not be judged" in capsys.readouterr().out
+    told = "1 with a code, 0 could not be judged; the response test decided 5\n"
+    assert f"5 recordings, 0.2 h: {told}" in capsys.readouterr().out
     assert not fleet.work_folder(out).exists()
     rows, windows = fleet_drives.tables(out)
     assert rows.schema == pl.Schema(columns.schema(columns.RECORDINGS))
