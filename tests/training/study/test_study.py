@@ -21,10 +21,12 @@ from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.tanks import TANK_PERIOD_S as PERIOD_S
 from tests.helpers.drives.tanks import leaking_tank
 from training.cli import main
+from training.limits.trust import LIMIT_FAULTS
 from training.narx.network import Spec, initial_weights
 from training.recordings.recording import load
 from training.recordings.samples.preparation import prepare
 from training.study.choice import decide
+from training.study.driving.effort import effort
 from training.study.driving.steady import steady_against_mixed
 from training.study.free_runs import WINDOW, FreeRun, scaled_as
 from training.study.page import confidence, section
@@ -164,6 +166,18 @@ def test_the_effort_is_told_for_parts_of_the_driving_up_to_all_of_it(
     assert [part["minutes"] for part in parts] == [5.0, 10.0, 12.5]
     assert all(0 <= part["found"] <= part["put_on"] for part in parts)
     assert parts[-1]["put_on"] > 0 or parts[-1]["why"]
+
+
+def test_a_held_out_drive_that_is_not_judged_is_none_in_which_a_fault_was_missed(
+    drives: dict[str, Path], tmp_path: Path
+) -> None:
+    held_out = load(drives["test"])
+    driven = load(write(tmp_path / "day.csv", tank(3000, 2)))
+    used = (driven,), (held_out, held_out.part(0, 60)), (), ()
+    small = Settings(budget_minutes=0.05)
+    task = Task(*used, ("valve", "leak"), "level_m", tmp_path, small)
+    task.folder.mkdir()
+    assert effort(task, {})["parts"][-1]["put_on"] == len(LIMIT_FAULTS) - 2  # of one drive
 
 
 def test_the_report_stands_alone(result: dict[str, Any], command: list[str]) -> None:

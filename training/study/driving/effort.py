@@ -14,7 +14,7 @@ from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.model.step import Model
 from training.limits.decision_limits import set_limits
-from training.limits.trust import MOST_DRIVES, trust_of
+from training.limits.trust import trust_of
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.recording import Recording
 from training.study.task import Parts, Task, source
@@ -69,5 +69,5 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     if not trust:
         return row | {"why": "no held-out drive has a window"}
     found, false = trust["found"], sum(trust["false"].values())
-    put_on = len(found) * len(task.test[:MOST_DRIVES])
+    put_on = len(found) * trust["drives"]  # those that the monitor could judge
     return row | {"found": sum(found.values()), "put_on": put_on, "false": false}
