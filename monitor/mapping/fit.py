@@ -199,7 +199,7 @@ def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterat
     if unit is None and d.unit:
         yield fit.doubted(f"its unit {d.unit!r} is not known", OTHER_NAME)
     elif quantity.is_flag:
-        yield from [_flag(d, fit)] if unit in (None, UNITS["-"]) else []
+        yield from [_flag(quantity, d, fit)] if unit in (None, UNITS["-"]) else []
     elif quantity.name == "lambda_controller":
         yield from _trims(d, unit, fit)
     elif unit is None or unit == UNITS["-"]:
@@ -264,10 +264,10 @@ def _is_usual(quantity: MapQuantity, fit: QuantityFit, d: Description) -> bool:
     return bool(len(values)) and float(np.median(values)) <= high and float(values.max()) >= low
 
 
-def _flag(d: Description, fit: QuantityFit) -> QuantityFit:
+def _flag(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit of a flag, which is turned round where 1 stands for the contrary."""
-    meaning = d.choices.get(1, "")
-    if _CONTRARY & {meaning, *words_of(d.name)}:
+    rest = match(quantity.phrases, words_of(d.name) + words_of(d.message))[1]
+    if _CONTRARY & {d.choices.get(1, ""), *set(rest).intersection(words_of(d.name))}:
         fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)
     many = d.span[1] > 1.0 and d.carried[1] > 3.0 and not d.choices
     return fit.doubted("more than two values without a meaning") if many else fit

@@ -71,6 +71,13 @@ def test_a_torque_of_the_engine_s_message_is_the_engine_s(message: str, is_engin
     assert ("engine_torque_nm" in found(database_of(*signals, message=message))) == is_engine_s
 
 
+@pytest.mark.parametrize(("name", "is_turned"), [("FuelCutOff", False), ("Fuel_Cut_not", True)])
+def test_a_fuel_cut_off_is_no_contrary_of_a_fuel_cut(name: str, is_turned: bool) -> None:
+    text, _ = proposed(database_of(f'{name} (1,0) [0|1] ""', 'RPM (1,0) [0|8000] "rpm"'))
+    line = next(line for line in text.splitlines() if "fuel_cut = {" in line)
+    assert ("factor = -1.0" in line) == is_turned and name in line
+
+
 def lambda_signal(name: str) -> str:
     return f'{name} (0.0005,0) [0|16] ""'
 
