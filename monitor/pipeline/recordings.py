@@ -100,9 +100,10 @@ class RecordingReader:
         """
         lacking = lacking_names(self._card, table.names)
         if lacking and table.profile:
+            remedy = f"log {n} first" if (n := self._card.output.name) in lacking else OTHER_MODEL
             raise MissingSignalsError(
                 f"{table.path}: the model needs {', '.join(lacking)}, which this log "
-                f"({table.profile}) lacks{_blank(table, lacking)}; {OTHER_MODEL}"
+                f"({table.profile}) lacks{_blank(table, lacking)}; {remedy}"
             )
         if lacking:
             raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
@@ -146,12 +147,11 @@ def table_of_model(path: Path, columns: Path | None, card: ModelCard) -> Table:
     columns : columns map or profile, before that of the model
     Raises as ``read_table``.
     """
-    own = (*card.input_names, card.output.name)
-    further = [name for name in own if name not in BY_NAME]
+    further = [name for name in (*card.input_names, card.output.name) if name not in BY_NAME]
     return read_table(path, columns, further, card.profile)
 
 
 def _blank(table: Table, lacking: Sequence[str]) -> str:
     """Return in words which columns are there, but tell nothing."""
     columns = [table.blank[name] for name in lacking if name in table.blank]
-    return f" (column {', '.join(columns)} {BLANK})" if columns else ""
+    return f" (column {f' {BLANK}, column '.join(columns)} {BLANK})" if columns else ""

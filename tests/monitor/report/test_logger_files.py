@@ -134,9 +134,12 @@ def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(
     assert cli.main(["replay", str(path)]) == 3
     out = capsys.readouterr().out
     assert ", which this log (torque) lacks; train a model on healthy drives" in out
-    flow = {"Mass Air Flow Rate(g/s)": ["0"] * 300}
+    flow = {"Mass Air Flow Rate(g/s)": ["0"] * 300, "Fuel Rail Pressure(psi)": ["0"] * 300}
     assert cli.main(["replay", str(torque(tmp_path / "still.csv", **lambda_, **flow))]) == 3
-    assert "(column Mass Air Flow Rate(g/s) is blank, or 0 throughout)" in capsys.readouterr().out
+    said = "(column Mass Air Flow Rate(g/s) is blank, or 0 throughout, column Fuel Rail"
+    assert said in capsys.readouterr().out
+    assert cli.main(["replay", str(torque(tmp_path / "blind.csv"))]) == 2
+    assert "lacks; log lambda_measured first" in capsys.readouterr().err
     assert cli.main(["replay", str(path), "--profile", "toque"]) == 2
     assert "no profile toque: a file or one of bluedriver, canonical" in capsys.readouterr().err
 
