@@ -61,8 +61,7 @@ class FitOptions:
     lags: int | None = None  # with ``hidden`` the shape; if neither is given, a search chooses
     hidden: tuple[int, ...] | None = None  # neurons per layer
     input_lag_start: int = 1  # 0 lets the inputs of the predicted tick in
-    starts: int | None = None  # trainings from different random weights; default 3 of a given
-    # shape, of which the best is the model, and 4 of a search, whose mean is
+    starts: int | None = None  # default 3 of a given shape for the best, 4 of a search for a mean
     budget_minutes: float = 10.0  # of work that one core does in about this time
     wall_minutes: float | None = None  # after which no further epoch begins
     seed: int = 0
@@ -114,14 +113,14 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         chosen, tries = _searched(source, seen, options, work)
     else:
         chosen, tries = _trained(seen, options, work), ()
-    few = _size_warnings(seen, chosen.best_member.spec)
     whole.join(work)
+    few = _size_warnings(seen, chosen.best_member.spec)
+    warnings = (*data.warnings, *few, *_training_warnings(chosen, data.memory, whole))
     if not np.isfinite(chosen.model.score):
         limit = "wall limit" if whole.ended_by_wall else f"budget of {options.budget_minutes:g} min"
         raise UsageError(f"the {limit} ended before the first epoch")
-    best = chosen.best_member
+    model, best = chosen.model, chosen.best_member
     twins = cross_fit(data, best.spec, decay=best.decay, seed=seed, work=whole, threads=threads)
-    model = chosen.model
     return FitResult(
         path=Path(out),
         card=write_model(out, model.spec, model.weights, twins, chosen.gap, model.members, whole),
@@ -131,7 +130,7 @@ def fit(source: FitSource, out: Path | str, options: FitOptions | None = None) -
         unseen=twins,
         tries=tries,
         seconds=time.monotonic() - began_s,
-        warnings=(*data.warnings, *few, *_training_warnings(chosen, data.memory, whole)),
+        warnings=(*warnings, *([ENDED_EARLY] if whole.ended_by_wall else [])),
     )
 
 
@@ -199,7 +198,7 @@ def _size_warnings(data: Prepared, spec: Spec) -> list[str]:
 def _training_warnings(chosen: NetworkChoice, memory: int, work: Work) -> list[str]:
     warnings = chosen.gap.warnings() if memory else []
     begun = [t for t in chosen.starts if t.members == 1]
-    cut = sum(t.cut_short for t in begun)
-    if cut:
-        warnings.append(f"the budget ended {cut} of {len(begun)} starts before their last stage")
-    return [*warnings, ENDED_EARLY] if work.ended_by_wall else warnings
+    limit = "wall limit" if work.ended_by_wall else "budget"
+    if cut := sum(t.cut_short for t in begun):
+        warnings.append(f"the {limit} ended {cut} of {len(begun)} starts before their last stage")
+    return warnings

@@ -18,7 +18,7 @@ from training.recordings.recording import Recording, training_recording
 from training.recordings.samples.preparation import Prepared, Role
 
 ALL_OF_A_CHAIN = "the recordings of the fit, which changed a few constants only"
-ALL_OF_A_NETWORK = "the recordings that trained the network, because they are too short"
+ALL_OF_A_NETWORK = "the recordings that trained the network, too little or too briefly for twins"
 OF_TWINS = "the recordings of the training, each predicted by a twin that had not seen it"
 PACKAGES = ("numpy", "onnx", "onnxruntime", "scipy")  # whose versions stand in the card
 Unseen = Sequence[tuple[Model, Sequence[Recording]]]  # models, each with drives it has not seen

@@ -200,6 +200,10 @@ def test_a_wall_limit_that_ends_a_fit_early_is_said(
     # THEN the card and the warnings say so
     assert Model.load(result.path).card.checks["work"]["ended_by_wall"]
     assert any("wall limit ended the training early" in w for w in result.warnings)
+    assert any("the wall limit ended 1 of 1 starts" in w for w in result.warnings)
+    # AND no twin was left time to, which measures the model and sets its limits
+    assert result.healthy()[1].endswith("too little or too briefly for twins")
+    assert "Give more recordings or work" in fit_verdict(result.card)[0]
     # AND one that passes before the search begins is an error that says so
     with pytest.raises(UsageError, match="the wall limit ended before the first epoch"):
         fit(source_of(plant(1)), tmp_path / "m.onnx", FitOptions(wall_minutes=1e-9))

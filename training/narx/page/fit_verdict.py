@@ -29,7 +29,7 @@ def fit_verdict(card: ModelCard) -> tuple[str, str]:
         found, which = card.fit.get("test") or {}, "held-out"
     correlation, rmse = found.get("correlation"), found.get("rmse")
     if correlation is None or rmse is None:
-        return "Not known: no held-out samples could be predicted. Give more recordings.", "bad"
+        return "Not known: no held-out sample was predicted. Give more recordings or work.", "bad"
     unit = card.output.unit if card.output.unit not in ("", "-") else ""
     known = card.output.name in BY_NAME  # a signal of vehicles
     subject, records = ("vehicle", "drives") if known else ("system", "recordings")

@@ -124,9 +124,8 @@ class Search:
     def __post_init__(self) -> None:
         self.n_tried = min(self.most_tried, len(self.folds))
         self.n_train = self.folds[0].n_train
-        longest = max(s.stop - s.start for s in self.folds[0].segments)
-        most = (self.n_train / SAMPLES_PER_LAG, longest / 2, LADDERS["longest"][-1])
-        self.most_lags = int(min(most))
+        half = max(s.stop - s.start for s in self.folds[0].segments) / 2
+        self.most_lags = int(min(self.n_train / SAMPLES_PER_LAG, half, LADDERS["longest"][-1]))
 
     @property
     def ranked(self) -> list[Try]:
