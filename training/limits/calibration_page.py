@@ -29,7 +29,7 @@ def as_text(result: dict[str, Any]) -> str:
     if result["faulty"]:
         lines.append(detection(result))
     if told := result.get("emissions"):
-        rows = (f"  {', '.join(row)}" for row in emissions(told))
+        rows = (f"  {f}, {at}, single cars {each}, {by}" for f, at, each, by in emissions(told))
         own = ", ".join(f"{key} = {value:g}" for key, value in told["response"].items())
         lines += [EMISSIONS.format(**told), *rows, f"settings that follow, [response]: {own}"]
     return "\n".join(lines)
@@ -49,7 +49,7 @@ def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
         (
             name,
             f"from {words(each['severity'], each['unit'])}".replace("from not", "not"),
-            "single cars " + "; ".join(words(s, each["unit"]) for s in each["of_each_car"]),
+            "; ".join(words(s, each["unit"]) for s in each["of_each_car"]),
             each["pollutant"] or "-",
         )
         for name, each in told["faults"].items()

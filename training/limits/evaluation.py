@@ -81,10 +81,9 @@ def alarms_in_words(found: dict[str, Any]) -> str:
     named = "".join(f"; {path}: {', '.join(each)}" for path, each in found["named"].items())
     return (
         f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
-        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %), stated are at most "
-        f"{plain(100 * found['stated'], 2)} % of drives like those that set the limits, "
-        f"with {counted(found['trials'], 'drive')} no less than {100 * found['provable']:.1f} % "
-        "can be proved; "
+        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %); the limits state at "
+        f"most {plain(100 * found['stated'], 2)} % of drives like those that set them, and "
+        f"{counted(found['trials'], 'drive')} can prove {100 * found['provable']:.1f} % at best; "
         f"{found['completed']} decided by the response test{named}"
     )
 

@@ -111,8 +111,8 @@ def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_
     assert found["named"] == {late: ["delay_lean_to_rich"]}
     assert found["stated"] < found["provable"] == 0.25
     out = capsys.readouterr().out
-    assert "1 of 3 (95 %: 0.8 to 90.6 %), stated are at most 0.001 % of drives" in out
-    assert "with 3 drives no less than 25.0 %" in out
+    assert "1 of 3 (95 %: 0.8 to 90.6 %); the limits state at most 0.001 % of drives" in out
+    assert "and 3 drives can prove 25.0 % at best; " in out
 
 
 def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrated: Path) -> None:
