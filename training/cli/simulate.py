@@ -25,8 +25,8 @@ EXAMPLES = """examples:
       --period 0.05                                           a tuner's log
 
 All written drives are synthetic. --vehicle fixes the production spread of the vehicle. --seed fixes
-driver, noise and weather. The same command writes the same bytes, except for the time of writing in
-.asc and the path in .trc."""
+driver, noise, weather and whether the engine begins cold. The same command writes the same bytes,
+except for the time of writing in .asc and the path in .trc."""
 FORMATS = ("log", "blf", "asc", "trc", "mf4", "parquet", "csv", "csv.gz")
 _FAULT = {
     "help": f"sensor fault in the control loop: {', '.join(faults.NAMES)}; the unit of the "
