@@ -173,7 +173,7 @@ _EPOCH_FROM_NS = 10**18  # the year 2001; a smaller time counts from the start o
 
 def _when(t_ns: int) -> str:
     if t_ns < _EPOCH_FROM_NS:
-        return f"{t_ns / 1e9:.1f} s"
+        return f"{t_ns / 1e9:.1f} s into the recording"
     return time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(t_ns / 1e9))
 
 

@@ -25,7 +25,7 @@ def lacking_names(card: ModelCard, names: Sequence[str]) -> list[str]:
 
 def needs(lacking: Sequence[str], names: Sequence[str]) -> str:
     """Return in words which signals lack and which are there."""
-    return f"the model needs {', '.join(lacking)}; there are {', '.join(names)}"
+    return f"the model needs {', '.join(lacking)}; there are {', '.join(names) or 'none'}"
 
 
 def needed_names(card: ModelCard, available: Collection[str]) -> tuple[str, ...]:

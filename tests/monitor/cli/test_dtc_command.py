@@ -90,7 +90,7 @@ def test_freeze_frames_are_shown_with_units_the_confirmed_code_first(
         ["P015A", "2026-05-28", "20:26:40", "UTC"],
         ["engine_speed_rpm", "2100", "1/min"],
         ["own", "3.5"],
-        ["P2195", "2.5", "s"],
+        ["P2195", "2.5", "s", "into", "the", "recording"],
         ["lambda_measured", "1.125", "-"],
     ]
     chosen = output(capsys, "freeze-frame", "P2195", "--memory", memory, "--json")
