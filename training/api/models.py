@@ -122,13 +122,11 @@ def fit(
         raise UsageError(f"kind {kind!r}: narx or greybox is wanted")
     drives = load_recordings(recordings, period_s=period_s, buses=buses, columns=columns)
     check_each_once(drives)
-    outcome: FitOutcome
     if kind == "greybox":
-        outcome = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed, **shape)
-    else:
-        source = FitSource(drives, inputs or choose_inputs(drives, output), output)
-        outcome = fit_narx(source, out, FitOptions(seed=seed, **shape))
-    return Fit.of(outcome, drives, columns)
+        chain = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed, **shape)
+        return Fit.of(chain, drives, columns)
+    source = FitSource(drives, inputs or choose_inputs(drives, output), output)
+    return Fit.of(fit_narx(source, out, FitOptions(seed=seed, **shape)), drives, columns)
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -2,7 +2,7 @@
 
 import sys
 from json import dumps
-from typing import Annotated, Any
+from typing import Annotated
 
 from monitor.base.command_line.parameters import Output, Recordings, SettingsFile
 from training.cli.options import ModelPath, NewModel, Page, ReadOptions, load_all
@@ -54,7 +54,11 @@ def run(
     goal = out or model
     if goal.suffix != ".onnx":
         raise UsageError(f"{goal}: a model file ends in .onnx")
-    emissions = {} if emission_limit is None else _emissions(emission_limit)
+    emissions = {}
+    if emission_limit is not None:
+        from training.dyno.tailpipe import proposal
+
+        emissions["emissions"] = proposal(emission_limit)
     period_s = Model.load(model).card.period_ns / 1e9
     card, result = calibrate(
         model,
@@ -73,9 +77,3 @@ def run(
         write_text(report, as_page(result))
     print(f"limits written to {goal}")
     return 0
-
-
-def _emissions(limit: float) -> dict[str, Any]:
-    from training.dyno.tailpipe import proposal
-
-    return {"emissions": proposal(limit)}

@@ -28,8 +28,7 @@ def claim(folder: Path, identity: Mapping[str, Any]) -> None:
         return
     found = json.loads(path.read_text())
     changed = (key.removesuffix("_sha256") for key in identity if found.get(key) != identity[key])
-    differs = list(dict.fromkeys(changed))
-    if differs:
+    if differs := list(dict.fromkeys(changed)):
         raise UsageError(
             f"{folder}: holds a run with another {' and another '.join(differs)}; choose another "
             "--out, or remove it"

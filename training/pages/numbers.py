@@ -10,11 +10,6 @@ NBSP: Final = "\N{NO-BREAK SPACE}"
 MISSING: Final = "–"
 
 
-def is_missing(value: float | None) -> bool:
-    """Return whether there is no number to show."""
-    return value is None or math.isnan(value)
-
-
 def form(value: float | None, spec: str) -> str:
     """Return a number by a format specification, a dash for a missing one.
 
@@ -73,7 +68,8 @@ def percent(share: float | None, digits: int = 0, sign: str = "") -> str:
     >>> percent(0.1234, 1).replace(NBSP, " "), percent(0.02, sign="+").replace(NBSP, " ")
     ('12.3 %', '+2 %')
     """
-    return MISSING if is_missing(share) else f"{100.0 * (share or 0.0):{sign}.{digits}f}{NBSP}%"
+    text = form(None if share is None else 100.0 * share, f"{sign}.{digits}f")
+    return text if text == MISSING else f"{text}{NBSP}%"
 
 
 def with_unit(name: str, unit: str | None) -> str:
