@@ -94,8 +94,8 @@ def run(args: SimulateCommand) -> int:
         raise UsageError("--count is at least 1, --period at least 0.01 s")
     if min(args.seed, args.vehicle) < 0:
         raise UsageError("--seed and --vehicle are at least 0")
-    if args.duration is not None and not 0.0 < args.duration < float("inf"):
-        raise UsageError(f"--duration {args.duration:g}: a positive number is wanted")
+    if args.duration == float("inf"):
+        raise UsageError("--duration inf: a number of seconds is wanted")
     if not 0.0 <= args.active_steps <= 0.1:
         raise UsageError(f"--active-steps {args.active_steps:g}: 0 to 0.1 is wanted")
     fault, downstream_fault = _faults(args.fault)

@@ -38,10 +38,10 @@ def load(name: str, rng: np.random.Generator, duration_s: float | None = None) -
 
     rng : draws the driver's shift habit, the micro-trips and the order of the steady points
     duration_s : length of the trace; None is the whole cycle, 1200 s for micro-trips
-    Raises UsageError for an unknown cycle or a duration that is not positive.
+    Raises UsageError for an unknown cycle or a duration below a step of 10 ms.
     """
-    if duration_s is not None and duration_s <= 0:
-        raise UsageError(f"duration {duration_s} s: must be positive")
+    if duration_s is not None and not duration_s >= STEP_S:
+        raise UsageError(f"duration {duration_s:g} s: {STEP_S} s or more is wanted")
     if name == "steady":
         trace = _steady_points(rng)
     elif name == "micro_trips":

@@ -64,7 +64,7 @@ class Experiment:
 def simulate(experiment: Experiment) -> dict[str, FloatArray]:
     """Return the canonical signals of the drive, name → (n,) at 100 Hz, NaN where not available.
 
-    Raises UsageError for an unknown cycle or a duration that is not positive.
+    Raises UsageError for an unknown cycle, a duration below 10 ms, or a fault that begins later.
     """
     air, fuel, conditions = driven(experiment)
     duty_percent = _heater_percent(experiment, air)

@@ -165,6 +165,8 @@ def test_a_reader_that_goes_away_changes_neither_result_nor_exit_code(
         ["simulate", "--fault", "gain_low", "--fault-start", "5000"],  # the cycle ends before
         ["simulate", "--fault", "catalyst_low", "--fault-start", "5"],  # bad from the start
         ["simulate", "--duration", "20", "--period", "0.2"],  # of a log
+        ["simulate", "--duration", "0.005"],
+        ["simulate", "--duration", "nan"],
     ],
 )
 def test_a_drive_that_cannot_be_simulated_is_refused(
