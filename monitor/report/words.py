@@ -119,7 +119,7 @@ def confidence(recording: Mapping[str, Any]) -> str:
         side = "for" if log_odds > 0.0 else "against"
         said.append(f"nearest to a fault is {fault}: {side} it stands {amount(evidence[fault])}")
     if said:
-        return "; ".join(said)
+        return "; ".join(dict.fromkeys(said))  # two codes may stand for one fault
     if dtcs:
         return "not given: the test of this code has limits, no evidence"
     if recording["not_judged"]:

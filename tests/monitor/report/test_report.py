@@ -181,7 +181,8 @@ def test_evidence_against_a_stored_code_is_said_to_stand_against_it() -> None:
     odds = {"log_odds": -23.0, "needed": 11.5, "seconds_to_decision": 0.0}
     stored = faulty(evidence={"slow_rich_to_lean": odds})
     stored["dtcs"][0] |= {"probability": 0.3}
-    # THEN the confidence says which fault each number is of
+    stored["dtcs"].append(stored["dtcs"][0] | {"probability": 1.0})  # two codes of one fault
+    # THEN the confidence says once which fault each number is of
     assert confidence(stored).split("; ") == [
         "against slow_rich_to_lean stands 2.0 times the evidence a decision needs",
         "30\xa0% for slow_rich_to_lean among the names of P014C",
