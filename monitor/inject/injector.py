@@ -39,7 +39,7 @@ class InjectionCounts:
     def lines(self) -> Iterator[str]:
         """Yield the counts as text."""
         done = ", ".join(f"{name} {n}" for name, n in sorted(self.changed.items()) if n)
-        yield f"{self.taken} frames from the ECU, {self.given} passed on{'; ' * bool(done)}{done}"
+        yield f"{self.taken} frames from the ECU, {self.given} passed on; {done or 'none changed'}"
 
 
 class SensorReading:
