@@ -45,9 +45,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert told["inputs"] == list(INPUTS)
     assert told["fit"]["test"]["correlation"] > 0.9
     assert json.loads(json.dumps(told)) == told
-    assert repr(fitted).startswith(
-        f"<Fit file: {out}, kind: narx, inputs: fuel air, correlation: 0"
-    )
+    kind = "kind: narx, inputs: fuel air, correlation: 0"
+    assert repr(fitted).startswith(f"<Fit file: {out}, {kind}")
     fitted.write_report(out.with_suffix(".html"))
     assert "fuel" in out.with_suffix(".html").read_text()
     return out

@@ -174,8 +174,7 @@ def test_a_held_out_drive_that_is_not_judged_is_none_in_which_a_fault_was_missed
     held_out = load(drives["test"])
     driven = load(write(tmp_path / "day.csv", tank(3000, 2)))
     used = (driven,), (held_out, held_out.part(0, 60)), (), ()
-    small = Settings(budget_minutes=0.05)
-    task = Task(*used, ("valve", "leak"), "level_m", tmp_path, small)
+    task = Task(*used, ("valve", "leak"), "level_m", tmp_path, Settings(budget_minutes=0.05))
     task.folder.mkdir()
     assert effort(task, {})["parts"][-1]["put_on"] == len(LIMIT_FAULTS) - 2  # of one drive
 
@@ -244,13 +243,8 @@ def test_recordings_that_do_not_fit_together_are_named(
 
 
 def candidate(rmse: float, n_weights: int, *, forgets: bool = True) -> dict[str, Any]:
-    return {
-        "validation_rmse": rmse,
-        "n_weights": n_weights,
-        "forgets": forgets,
-        "name": f"{n_weights}",
-        "structure": "",
-    }
+    own = {"validation_rmse": rmse, "n_weights": n_weights, "forgets": forgets}
+    return own | {"name": f"{n_weights}", "structure": ""}
 
 
 def test_of_models_that_are_not_told_apart_the_smaller_is_chosen() -> None:
@@ -294,18 +288,9 @@ def test_a_reading_pinned_at_the_end_of_its_range_is_not_judged(drives: dict[str
 def test_a_missing_signal_is_named_and_compared_with_nothing(
     drives: dict[str, Path], tmp_path: Path
 ) -> None:
-    lost = tank(400, 8)
-    lost[:, 3] = np.nan
-    task = Task(
-        recordings=(load(drives["morning"]),),
-        test=(load(drives["test"]),),
-        faulty=(load(write(tmp_path / "lost.csv", lost)),),
-        steady=(),
-        inputs=("valve", "leak"),
-        output="level_m",
-        out=tmp_path,
-        settings=Settings(),
-    )
+    path = write(tmp_path / "lost.csv", tank(400, 8) * [1, 1, 1, np.nan])
+    used = *((load(drives[name]),) for name in ("morning", "test")), (load(path),), ()
+    task = Task(*used, ("valve", "leak"), "level_m", tmp_path, Settings())
     spec = Spec(2, 3, (3,))
     weights = initial_weights(spec, np.random.default_rng(0))
     network = {"spec": asdict(spec), "weights": weights.tolist(), "one_step_weights": None}
