@@ -22,7 +22,7 @@ from monitor.memory.codes import (
     every,
     tests_of,
 )
-from monitor.memory.dtc import Dtc, Status
+from monitor.memory.dtc import FRESH, Dtc, Status
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 
 RATIO_MOST = 0xFFFF  # when a counter of a ratio reaches it, numerator and denominator are halved
@@ -146,14 +146,16 @@ class DtcStore:
         """Return whether the driving cycle that ends erases a permanent code.
 
         It does if the lamp goes out. It also does if the code was cleared and its test has passed
-        since; a continuous test then also needs a cycle that the general denominator counts.
+        since, of an ended process by the status byte; a continuous test then also needs a cycle
+        that the general denominator counts.
         """
         if new[code].status & Status.WARNING_INDICATOR:
             return False
         if self._dtcs[code].status & Status.WARNING_INDICATOR:
             return True
         test = TEST_OF.get(self._permanent[code])  # None of a plug-in that is not active
-        passed = test in self._passed and code not in self._failed
+        is_open = self._dtcs[code].status & (FRESH | Status.FAILED_THIS_CYCLE)
+        passed = (test in self._passed or not is_open) and code not in self._failed
         return passed and (test not in CONTINUOUS or self._is_general)
 
     def clear(self) -> list[Dtc]:

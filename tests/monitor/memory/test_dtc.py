@@ -245,7 +245,7 @@ class StatusByte(RuleBasedStateMachine):
     @rule()
     def the_process_ends_and_begins_with_the_next_driving_cycle(self) -> None:
         self.store = DtcStore(self.store.saved)
-        self.has_failed = True  # nothing is known of the cycle in which it ended
+        self.has_failed = self.history[-1].failed  # by the status byte alone
         self.the_next_driving_cycle_begins()
 
     @rule()
