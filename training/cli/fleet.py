@@ -1,6 +1,5 @@
 """The command ``o2train fleet``: judge all recordings of a fleet, one table row per recording."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,8 +79,7 @@ def run(args: FleetCommand) -> int:
         result = fleet.run(drives, kit, args.out, done, jobs=args.n_jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
-    html, json_path = fleet_page.write(args.out, kit, result)
-    decided = json.loads(json_path.read_text())["completed"]["events"]
+    html, json_path, decided = fleet_page.write(args.out, kit, result)
     fleet.finish(args.out)
     print(
         f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "

@@ -159,7 +159,7 @@ def recording(*dtcs: tuple[str, str, float | None], completed: bool = True) -> d
     entries = [
         {"code": code, "fault": "f", "state": state, "t_s": t_s} for code, state, t_s in dtcs
     ]
-    return {"dtcs": entries, "completed": completed}
+    return {"dtcs": entries, "completed": completed, "not_judged": None}
 
 
 def met(scenario: Scenario, *recordings: dict[str, Any]) -> list[bool]:

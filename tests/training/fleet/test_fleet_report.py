@@ -90,7 +90,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     run = fleet.run(drives_of([str(drives)]), kit, out, lambda _: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outliers, "LEAST_WINDOWS", 2)
-        return fleet_page.write(out, kit, run)
+        return fleet_page.write(out, kit, run)[:2]
 
 
 def test_the_plots_of_a_fleet_are_drawn(reported: tuple[Path, Path], browser: Browser) -> None:
@@ -129,5 +129,5 @@ def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) ->
     (tmp_path / "empty.log").touch()
     kit, out = WorkerKit.of(shipped_model(), config.load()), tmp_path / "out.parquet"
     run = fleet.run(drives_of([str(tmp_path / "empty.log")]), kit, out, lambda _: None)
-    html, _ = fleet_page.write(out, kit, run)
+    html, *_ = fleet_page.write(out, kit, run)
     assert "the log is empty" in html.read_text()

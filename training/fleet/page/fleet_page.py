@@ -25,8 +25,8 @@ ROWS: Final = 40  # of a table, at most
 SHOWN: Final = 10  # of them before the rest is folded
 
 
-def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path]:
-    """Write the page and the JSON beside the table ``out``; return their paths.
+def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path, int]:
+    """Write page and JSON beside the table ``out``; return paths and count of decided drives.
 
     run : what ``run.run`` returned
     """
@@ -38,7 +38,7 @@ def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
     write_text(html, as_page(found, recordings, windows_path(out), standing, tools.limits, unit))
-    return html, tree
+    return html, tree, found["completed"]["events"]
 
 
 def as_page(
