@@ -52,7 +52,7 @@ def cluster(folder: Path, workers: int = 2, *, installed: bool = False) -> Itera
         own = ("--nthreads", "1", "--no-nanny", "--local-directory", str(folder))
         processes += [start("dask_worker", *own) for _ in range(workers)]
         deadline = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < deadline:
+        while not (file.exists() and file.stat().st_size) and time.monotonic() < deadline:
             time.sleep(0.05)
         yield Cluster(json.loads(file.read_text())["address"], processes[1:])
     finally:
