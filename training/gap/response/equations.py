@@ -7,7 +7,6 @@ runs. A run's *slope* is the part of the fit that its error has, 1 where it has 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from monitor.base.types import FloatArray, IntArray
 from training.gap.response.families import Family
 from training.gap.response.reference import NOTHING, Spread, solve
-from training.greybox.fit.drive import BLOCK_S, Comparison, until
+from training.greybox.fit.drive import BLOCK_S, Comparison, block_numbers
 from training.healthy.behaviour import noise, white
 
 TINY: Final = 1e-100
@@ -24,10 +23,10 @@ LEAST: Final = 1e-9  # of the runs' mean power, at which a run's slope is unknow
 
 @dataclass(frozen=True, slots=True)
 class EquationBlocks:
-    """Scored samples of all runs in blocks of time, and what makes their errors white."""
+    """The samples of all runs that whitening can reach, in blocks of time, and how it is done."""
 
-    rows: tuple[IntArray, ...]  # of each run; the samples that whitening needs are scored, too
-    number: tuple[IntArray, ...]  # of each run's rows, within the run, from 0
+    rows: tuple[IntArray, ...]  # of each run, see ``ChainDrive.kept``
+    number: IntArray  # (m,) block of each row, through all runs
     run: IntArray  # (n_blocks,)
     spread: tuple[FloatArray, ...]  # (n,) of each run's errors
     ar: tuple[float, float]  # autoregression of the healthy errors, newest first
@@ -37,32 +36,25 @@ class EquationBlocks:
         cls, new: Sequence[Comparison], healthy: Sequence[Comparison], size: Spread
     ) -> "EquationBlocks":
         """Return blocks as long as the other statistics use."""
-        spread = tuple(size(r) for r in (*new, *healthy))
-        rows, number, run = [], [], []
-        for i, r in enumerate((*new, *healthy)):
-            bad = until(~r.scored, 2.0 * r.period_s, r.period_s)  # whitening needs two before
-            own = np.flatnonzero(~bad[2:]) + 2
-            block = np.unique((own * r.period_s // BLOCK_S).astype(np.int64), return_inverse=True)
-            rows.append(own)
-            number.append(np.asarray(block[1], dtype=np.int64))
-            run.append(np.full(len(block[0]), i))
+        runs = (*new, *healthy)
+        spread = tuple(size(r) for r in runs)
+        rows = tuple(np.flatnonzero(r.kept) for r in runs)
+        number = block_numbers(rows, round(BLOCK_S / runs[0].period_s))
+        run = np.repeat(np.arange(len(runs)), [len(own) for own in rows])
         known = zip(healthy, spread[len(new) :], strict=True)
         errors = np.concatenate([(r.residual / each)[r.scored] for r, each in known])
         ar, _ = noise([r.scored for r in healthy], errors)
-        runs = np.concatenate(run).astype(np.int64)
-        return cls(tuple(rows), tuple(number), runs, spread, ar)
+        return cls(rows, number, run[np.unique(number, return_index=True)[1]], spread, ar)
 
-    def white(self, values: FloatArray, run: int) -> FloatArray:
-        """Return a run's values (n, …) over the spread, less what their past says of them.
+    def white(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Return the rows (m, …) of every run's values (n, …) over the spread, whitened."""
+        of = zip(values, self.spread, self.rows, strict=True)
+        return np.concatenate([white((x.T / s).T, self.ar)[rows] for x, s, rows in of])
 
-        At the run's rows, (m, …).
-        """
-        return white((values.T / self.spread[run]).T, self.ar)[self.rows[run]]
-
-    def starts(self, run: int) -> IntArray:
-        """Return where each block of a run begins among its rows, and the end."""
-        number = self.number[run]
-        return np.searchsorted(number, np.arange(number[-1] + 2))
+    def means(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Return the mean (n_blocks,) of every run's values (n,)."""
+        x = np.concatenate([x[rows] for x, rows in zip(values, self.rows, strict=True)])
+        return np.bincount(self.number, x) / np.bincount(self.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +66,16 @@ class Equations:
     run: IntArray  # (n_blocks,)
 
     @classmethod
-    def of(
-        cls, family: Family, errors: Sequence[FloatArray], blocks: EquationBlocks
-    ) -> "Equations":
+    def of(cls, family: Family, error: FloatArray, blocks: EquationBlocks) -> "Equations":
         """Return the sums for the runs' whitened errors (m,)."""
-        grams, rights = [], []
-        for i, (columns, error) in enumerate(zip(family.columns, errors, strict=True)):
-            x = blocks.white(columns, i)
-            for first, last in pairwise(blocks.starts(i).tolist()):
-                grams.append(x[first:last].T @ x[first:last])
-                rights.append(x[first:last].T @ error[first:last])
-        return cls(np.array(grams), np.array(rights), blocks.run)
+        edges = np.searchsorted(blocks.number, np.arange(1, len(blocks.run)))
+        parts = np.split(blocks.white(family.columns), edges)
+        errors = np.split(error, edges)
+        return cls(
+            np.array([x.T @ x for x in parts]),
+            np.array([x.T @ e for x, e in zip(parts, errors, strict=True)]),
+            blocks.run,
+        )
 
 
 @dataclass(frozen=True, slots=True)

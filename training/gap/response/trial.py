@@ -63,18 +63,11 @@ class Questions:
         """Return the questions for runs beside the healthy vehicle's reading."""
         runs = [*new, *healthy]
         blocks = EquationBlocks.of(new, healthy, spread)
-        white = [blocks.white(r.residual, i) for i, r in enumerate(runs)]
-        levels, swings = [], []
-        for r, own, rows, number in zip(
-            runs, blocks.spread, blocks.rows, blocks.number, strict=True
-        ):
-            count = np.bincount(number)
-            levels.append(np.bincount(number, (r.residual / own)[rows]) / count)
-            swings.append(np.bincount(number, swing(r, own)[rows]) / count)
+        error = blocks.white([r.residual for r in runs])
         return cls(
-            equations=tuple(Equations.of(f, white, blocks) for f in families),
-            level=np.concatenate(levels),
-            swing=np.concatenate(swings),
+            equations=tuple(Equations.of(f, error, blocks) for f in families),
+            level=blocks.means([r.residual / s for r, s in zip(runs, blocks.spread, strict=True)]),
+            swing=blocks.means(list(map(swing, runs, blocks.spread))),
             run=blocks.run,
             n_new=len(new),
         )
