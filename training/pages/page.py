@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LONG: Final = 5  # headings from which a page has a list of contents
 PLOTS: Final = '<figure class="plots">'
-_HEADING: Final = re.compile(r'<h2(?: id="([^"]+)")?>(.*?)</h2>', re.DOTALL)
+_HEADING: Final = re.compile(r'(?<!<summary>)<h2(?: id="([^"]+)")?>(.*?)</h2>', re.DOTALL)
 
 
 def page(

@@ -12,7 +12,7 @@ from training.gap.verify.evidence import Error, ErrorTrace
 from training.pages.drawing import Drawing, axis, layer, plot, unscored
 from training.pages.numbers import with_unit, words
 
-ROW: Final = 22  # px
+ROW: Final = 19  # px
 SHOWN: Final = 8  # hypotheses
 SHOWN_LEAST: Final = 0.001  # probability
 

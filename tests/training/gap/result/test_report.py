@@ -368,7 +368,7 @@ def test_the_verdict_stands_first_with_its_figures_and_what_to_do_now(
     verdict: Verdict, words: str, to_do: str
 ) -> None:
     page = page_of(verdict)
-    first = page[page.index("<h1>") : page.index("<nav>")]
+    first = page[page.index("<h1>") : page.index('id="now"')]
     assert words in first
     assert "0.0102" in first
     assert "simulated" not in first
@@ -384,7 +384,7 @@ def test_a_page_about_simulated_recordings_says_so() -> None:
         (every, "All of it is about simulated recordings."),
     ):
         page = gap_page.as_page(one)
-        assert words in page[page.index("<h1>") : page.index("<nav>")]
+        assert words in page[page.index("<h1>") : page.index('id="now"')]
         assert as_json(one)["simulated"] is True
 
 
@@ -421,7 +421,7 @@ def test_an_unknown_effect_that_a_sensor_fault_explains_as_well_has_the_sensor_c
 def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
     found = naming("sensor_fault_suspected", indistinguishable=RANKING[:1])
     page = gap_page.as_page(replace(made("sensor_fault_suspected"), naming=found))
-    first = page[page.index("<h1>") : page.index("<nav>")]
+    first = page[page.index("<h1>") : page.index('id="now"')]
     assert "cannot be told from purge (canister purge brings fuel vapour)." in first
     now = page[page.index('id="now"') : page.index('id="much"')]
     assert "run again with --sensor-known-good: then purge may be named." in now
