@@ -14,7 +14,7 @@ from tests.helpers.logs.decoding import values_of
 from tests.helpers.logs.replays import frames_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
-LAMBDA_ID, AIR_ID, MS = 0xC2, 0xC0, 1_000_000
+LAMBDA_ID, FUEL_ID, AIR_ID, MS = 0xC2, 0xC1, 0xC0, 1_000_000
 WRITER = writers(OWN.channels)[LAMBDA_ID, False]
 
 

@@ -10,17 +10,10 @@ from monitor.base import faults
 from monitor.base.types import Frame
 from monitor.frames.logs import read_frames
 from monitor.inject.gateway import write_log
-from tests.helpers.logs.bad_logs import FUEL_ID, LAMBDA_ID, write_minute
+from tests.helpers.logs.injected_frames import FUEL_ID, LAMBDA_ID
 from tests.helpers.logs.replays import replays
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give one minute of a simulated drive as a log."""
-    return write_minute(tmp_path_factory.mktemp("drive"))
-
 
 Change = Callable[[list[Frame]], list[Frame]]
 
@@ -35,27 +28,27 @@ def replayed(drive: Path, tmp_path: Path, change: Change) -> dict[str, Any]:
 
 
 def test_a_stuck_counter_is_counted_and_the_message_counts_as_missing(
-    drive: Path, tmp_path: Path
+    ninety_seconds: Path, tmp_path: Path
 ) -> None:
     # GIVEN an ECU that repeats one lambda frame for ever, its checksum still right
     def freeze(frames: list[Frame]) -> list[Frame]:
         first = next(f for f in frames if f.can_id == LAMBDA_ID)
         return [f._replace(data=first.data) if f.can_id == LAMBDA_ID else f for f in frames]
 
-    recording = replayed(drive, tmp_path, freeze)
-    assert recording["counters"]["stuck"] > 2900
+    recording = replayed(ninety_seconds, tmp_path, freeze)
+    assert recording["counters"]["stuck"] > 4400
     assert [d["code"] for d in recording["dtcs"]] == ["U0100"]
 
 
 def test_a_message_that_stops_blocks_the_judgement_and_is_counted(
-    drive: Path, tmp_path: Path
+    ninety_seconds: Path, tmp_path: Path
 ) -> None:
     def stop(frames: list[Frame]) -> list[Frame]:
         end = frames[0].t_ns + 40_000_000_000
         return [f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]
 
-    recording = replayed(drive, tmp_path, stop)
-    assert recording["enable"]["inputs_valid"] == pytest.approx(40.3 / 60, abs=0.01)
+    recording = replayed(ninety_seconds, tmp_path, stop)
+    assert recording["enable"]["inputs_valid"] == pytest.approx(40.3 / 90, abs=0.01)
     assert recording["dtcs"] == []  # the fuel message is not the sensor's fault
 
 

@@ -252,34 +252,27 @@ def test_nothing_counts_twice_in_one_driving_cycle(stretches: list[Stretch]) -> 
         seen.add(moment)
 
 
-# speed, vehicle speed, coolant, ambient, pressure; quality of all of them
-GRADED = {
-    "town": ((2000.0, 50.0, 85.0, 20.0, 100.0), Quality.GOOD),
-    "cold": ((1500.0, 45.0, 15.0, 20.0, 100.0), Quality.GOOD),
-    "idle": ((800.0, 0.0, 60.0, 20.0, 100.0), Quality.GOOD),
-    "frost": ((2000.0, 50.0, 80.0, -12.0, 100.0), Quality.GOOD),
-    "pass": ((2000.0, 50.0, 90.0, 5.0, 70.0), Quality.GOOD),
-    "stand": ((0.0, 0.0, 85.0, 20.0, 100.0), Quality.GOOD),
-    "silent": ((np.nan,) * 5, Quality.STALE),
-    "invalid": ((np.nan,) * 5, Quality.INVALID),
-    "off the bus": ((np.nan,) * 5, Quality.OFF_BUS),
-    "no coolant": ((2000.0, 60.0, np.nan, 20.0, 100.0), Quality.GOOD),
-}
+ODD = [
+    replace(DRIVE, ambient_degc=-12.0),
+    replace(DRIVE, ambient_degc=5.0, pressure_kpa=70.0),
+    replace(DRIVE, coolant_degc=math.nan),
+    Stretch(1.0, quality=Quality.INVALID),
+    OFF_BUS,
+]
 
 
 @st.composite
 def recordings(draw: st.DrawFn) -> SampleBlock:
-    parts, quality, steps_ns = [np.empty((0, 6))], [np.empty((0, 6), np.uint8)], [np.empty(0)]
-    for _ in range(draw(st.integers(0, 12))):
-        values, grade = GRADED[draw(st.sampled_from(sorted(GRADED)))]
-        n = draw(st.sampled_from([1, 1, 3, 9, 30, 400]))
-        parts.append(np.tile((np.nan if grade else 1.0, *values), (n, 1)))
-        quality.append(np.full((n, 6), grade, dtype=np.uint8))
-        own_ns = np.full(n, draw(st.sampled_from([1e9, 1e9, 0.3e9, 0.1e9])))
+    """Draw stretches whose clock has another pace in each, and may stand or jump between them."""
+    kinds, lengths = st.one_of(KINDS, st.sampled_from(ODD)), st.sampled_from([1, 1, 3, 9, 30, 400])
+    stretches = draw(st.lists(st.builds(lasting, kinds, lengths), max_size=12))
+    steps_ns = [np.empty(0)]
+    for each in stretches:
+        own_ns = np.full(round(each.seconds), draw(st.sampled_from([1e9, 1e9, 0.3e9, 0.1e9])))
         own_ns[0] *= draw(st.sampled_from([1.0, 1.0, 0.0, -50.0, 320.0]))
         steps_ns.append(own_ns)
     t_ns = 7_000_000_000 + np.cumsum(np.concatenate(steps_ns)).astype(np.int64)
-    return SampleBlock(np.arange(len(t_ns)), t_ns, np.concatenate(parts), np.concatenate(quality))
+    return samples(*stretches)._replace(t_ns=t_ns)
 
 
 @inputs(60)

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from monitor.base.config import load, shipped
-from monitor.base.errors import ConfigError
 from monitor.memory.codes import CODES, OF_MONITOR, TESTS
 from monitor.memory.dtc import Dtc, Status
 from monitor.memory.dtc_store import DtcStore
@@ -169,14 +168,6 @@ def test_the_profile_is_chosen_by_name_and_its_counts_may_be_changed(tmp_path: P
     profile = load(file).profile
     assert (profile.confirm_cycles, profile.warm_up_degc) == (2, 70.0)
     assert load().profile == CARB
-    for text, named in (
-        ('[obd]\nprofile = "EPA"', r"own\.toml: \[obd\] profile = 'EPA', wanted one of"),
-        ("[obd]\nprofile = 1", r"own\.toml: \[obd\] profile = 1, wanted str"),
-        ("[carb]\nconfirm_cycles = 0", r"\[carb\] confirm_cycles = 0, wanted above 0"),
-    ):
-        file.write_text(text)
-        with pytest.raises(ConfigError, match=named):
-            load(file)
 
 
 # Everything at once

@@ -27,8 +27,8 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import chosen, joined
 from monitor.grid.timeline import Timeline
 from monitor.pipeline import replay
-from tests.helpers.logs.bad_logs import LAMBDA_ID
 from tests.helpers.logs.batch_logs import MS
+from tests.helpers.logs.injected_frames import LAMBDA_ID
 
 SETUP = replay.set_up(None, (), config.load())
 BARE = without_counters(SETUP)  # the same map without alive counters

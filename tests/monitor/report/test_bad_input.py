@@ -17,14 +17,7 @@ from monitor.model.model_file import metadata_of
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
-from tests.helpers.logs.bad_logs import write_minute
 from tests.helpers.logs.replays import replays
-
-
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give one minute of a simulated drive as a log."""
-    return write_minute(tmp_path_factory.mktemp("drive"))
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -39,10 +32,10 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def bad(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bad(ninety_seconds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a folder with the drive and with files that are not what they should be."""
     folder = tmp_path_factory.mktemp("bad")
-    lines = drive.read_text().splitlines(keepends=True)
+    lines = ninety_seconds.read_text().splitlines(keepends=True)
     own_map = dbc.path("o2_ecu.toml").read_text()
     names = ["time_s", *Model.load(shipped_model()).card.input_names, "lambda_measured"]
     blanks = [f"{i / 10}" + ",nan" * (len(names) - 1) for i in range(900)]
@@ -97,6 +90,8 @@ def bad(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("check drive.log -i virtual -c x", ["either"]),
         ("check -i socketcan -c nobus0", ["nobus0"]),
         ("run -i socketcan -c nobus0", ["nobus0"]),
+        ("run", ["-i"]),  # neither log nor bus
+        ("check", ["-i"]),
     ],
 )
 def test_what_cannot_be_judged_is_refused_in_one_line_that_names_it(
@@ -107,6 +102,7 @@ def test_what_cannot_be_judged_is_refused_in_one_line_that_names_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(bad)
+    monkeypatch.setenv("CAN_INTERFACE", "")
     line = refused(capsys, *command.split())
     assert all(word in line for word in words), line
     assert "internal" not in line
@@ -114,11 +110,11 @@ def test_what_cannot_be_judged_is_refused_in_one_line_that_names_it(
 
 @pytest.mark.parametrize("suffix", ["log", "blf", "log.gz"])
 def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_says_so(
-    capsys: pytest.CaptureFixture[str], drive: Path, tmp_path: Path, suffix: str
+    capsys: pytest.CaptureFixture[str], ninety_seconds: Path, tmp_path: Path, suffix: str
 ) -> None:
     # GIVEN a log that ends in the middle of a line, a container or a packed block
     whole = tmp_path / f"whole.{suffix}"
-    write_log(whole, list(read_frames(drive)))
+    write_log(whole, list(read_frames(ninety_seconds)))
     cut = tmp_path / f"cut.{suffix}"
     cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6) + 3])
     # WHEN it is judged
@@ -130,9 +126,9 @@ def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_sa
     assert recording["notes"][0] in capsys.readouterr().out
 
 
-def test_a_manifest_of_something_else_is_no_manifest(drive: Path, tmp_path: Path) -> None:
+def test_a_manifest_of_something_else_is_no_manifest(ninety_seconds: Path, tmp_path: Path) -> None:
     log = tmp_path / "drive.log"
-    log.write_bytes(drive.read_bytes())
+    log.write_bytes(ninety_seconds.read_bytes())
     for text in ('{"name": "an app"}', "no json", '{"schema": "o2mon.manifest/1"}'):
         (tmp_path / "manifest.json").write_text(text)
         code, (recording,) = replays(log)
@@ -141,14 +137,14 @@ def test_a_manifest_of_something_else_is_no_manifest(drive: Path, tmp_path: Path
 
 
 def test_a_reader_that_goes_away_changes_neither_result_nor_exit_code(
-    drive: Path, tmp_path: Path
+    ninety_seconds: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out.json"
-    command = [sys.executable, "-m", "monitor.cli", "replay", str(drive), "--json", str(out)]
+    out, replay = tmp_path / "out.json", ["replay", str(ninety_seconds)]
+    command = [sys.executable, "-m", "monitor.cli", *replay, "--json", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
     assert process.stdout is not None
     process.stdout.close()
-    assert process.wait(120) == cli.main(["replay", str(drive)])
+    assert process.wait(120) == cli.main(replay)
     assert json.loads(out.read_text())["schema"] == "o2mon.replay/1"
 
 
@@ -177,14 +173,6 @@ def test_a_drive_that_cannot_be_simulated_is_refused(
     assert train.main([*arguments, "--out", str(tmp_path)]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("command", ["run", "check"])
-def test_without_log_and_bus_the_command_says_what_it_wants(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
-) -> None:
-    monkeypatch.setenv("CAN_INTERFACE", "")
-    assert "-i" in refused(capsys, command)
 
 
 def test_a_run_on_a_silent_bus_ends_with_3_and_says_that_nothing_came(
