@@ -78,18 +78,14 @@ def normal(pin: str) -> str:
     return f"{re.sub('[-_.]+', '-', name).lower()}=={version}"
 
 
-def test_an_installed_monitor_replays_a_log_with_all_defaults(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_an_installed_monitor_replays_with_defaults(installed: Path, tmp_path: Path) -> None:
     logs = sorted((ROOT / "replay_logs").glob("healthy_*"))
     assert logs, "replay_logs/ has no healthy drive"
     finished = python(installed, ["-m", "monitor.cli", "replay", str(logs[0])], cwd=tmp_path)
     assert finished.stdout
 
 
-def test_the_installed_commands_begin_where_they_were_installed(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_the_installed_commands_are_those_installed(installed: Path, tmp_path: Path) -> None:
     (points,) = installed.glob("o2_monitor-*.dist-info/entry_points.txt")
     commands = ConfigParser()
     commands.read(points)

@@ -99,9 +99,7 @@ def test_a_faulty_sensor_in_the_loop_is_found(
     assert fitted.faulty(judged).mean() >= least
 
 
-def test_too_few_windows_for_the_rate_are_refused(
-    healthy: Windows, faulty: dict[str, Windows]
-) -> None:
+def test_too_few_windows_are_refused(healthy: Windows, faulty: dict[str, Windows]) -> None:
     few = Windows(healthy.measured[:18], healthy.predicted[:18])
     with pytest.raises(RecordingError, match="18 healthy windows, 19 are wanted"):
         PaperRule.fit(few, together(faulty), RATE)

@@ -2,13 +2,10 @@
 
 from collections.abc import Sequence
 
-from monitor.base.types import Frame, SampleBlock
+from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
 from monitor.frames.blocks import block_of
-from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import log_samples
-from training.recordings.recording import whole
 
 Values = dict[str, float] | None  # of a frame by channel, None if it is not used
 
@@ -38,13 +35,3 @@ def values_of(bus_map: BusMap, name: str, frames: Sequence[Frame]) -> list[float
     """Return the values of one channel in the frames that are used."""
     found = Decoding(bus_map, [name]).push(frames)
     return [values[name] for values in found if values]
-
-
-def samples_of(
-    bus_map: BusMap, names: Sequence[str], period_ns: int, frames: Sequence[Frame]
-) -> tuple[SampleBlock, BlockDecoder]:
-    """Return the samples of some frames, and the decoder that has seen them."""
-    decoder = BlockDecoder(bus_map, names)
-    parts = log_samples([block_of(list(frames))], decoder, BlockAssembler.of(decoder, period_ns))
-    block, _ = whole(parts, len(names))
-    return block, decoder

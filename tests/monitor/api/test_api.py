@@ -193,9 +193,7 @@ def test_a_notifier_feeds_the_listener_and_closes_its_memory(tmp_path: Path) -> 
     assert verdict.has_fault
 
 
-def test_a_monitor_that_cannot_be_made_holds_no_memory_and_one_that_can_tells_of_damage(
-    tmp_path: Path,
-) -> None:
+def test_a_monitor_that_cannot_be_made_holds_no_memory(tmp_path: Path) -> None:
     memory = tmp_path / "o2.db"
     memory.write_bytes(b"o2mon torn")
     with pytest.raises(O2Error, match="the model needs air_mass_mg"):

@@ -50,9 +50,7 @@ def test_a_wrong_assertion_fails_with_the_faults_and_a_table(
     assert any(each.startswith(row) and each.endswith("NOT MET") for each in rows), rows
 
 
-def test_a_code_that_a_drive_could_not_show_is_not_met_and_says_why(
-    ninety_seconds: Path, tmp_path: Path
-) -> None:
+def test_a_code_that_a_drive_could_not_show_is_unmet(ninety_seconds: Path, tmp_path: Path) -> None:
     short = tmp_path / "short.log"
     short.write_text("".join(ninety_seconds.read_text().splitlines(keepends=True)[:4000]))
     with pytest.raises(AssertionError, match=r"no code, not judged: the lambda .* NOT MET"):

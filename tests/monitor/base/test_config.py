@@ -78,9 +78,7 @@ IMPOSSIBLE = (
         *((f"[{s}]\n{k} = {v}\n", rf"\[{s}\].*{k}") for s, k, v in IMPOSSIBLE),
     ],
 )
-def test_what_is_wrong_is_refused_with_its_section_and_key(
-    tmp_path: Path, text: str, words: str
-) -> None:
+def test_what_is_wrong_is_told_with_section_and_key(tmp_path: Path, text: str, words: str) -> None:
     assert re.search(words, refusal(tmp_path, text))
 
 

@@ -48,9 +48,7 @@ def test_a_lag_is_the_first_order_step_response_on_the_edges_of_its_direction(
 
 
 @given(phis, delays)
-def test_a_dead_time_shifts_the_edges_of_its_direction_and_no_others(
-    phi: list[float], late: int
-) -> None:
+def test_a_dead_time_shifts_the_edges_of_its_direction_alone(phi: list[float], late: int) -> None:
     then = np.array(([phi[0]] * late + phi)[: len(phi)])
     reads = {
         "symmetric": then,
@@ -209,9 +207,7 @@ def test_the_bank_holds_every_lag_and_dead_time_on_each_edge() -> None:
 
 
 @given(phis)
-def test_each_hypothesis_reads_what_the_fault_of_its_name_is_defined_to_read(
-    phi: list[float],
-) -> None:
+def test_each_hypothesis_reads_as_the_fault_of_its_name_is_defined(phi: list[float]) -> None:
     rows = bank_of(phi)
     np.testing.assert_array_equal(rows[:, 0], phi)
     for i, h in enumerate(BANK[1:], start=1):

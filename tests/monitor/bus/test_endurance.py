@@ -11,9 +11,7 @@ from benchmarks.__main__ import main
 EVERY_H = 0.005
 
 
-def test_memory_is_flat_while_the_loop_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_memory_stays_flat_in_the_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.bus.judging.KEEP", 3)  # windows, soon reached
     monkeypatch.setattr("monitor.judge.causes.observation._BATCH", 8)  # samples, else 2048
     out = tmp_path / "soak.json"

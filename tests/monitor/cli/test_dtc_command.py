@@ -47,9 +47,7 @@ def output(capsys: Capture, *words: object) -> str:
     return out
 
 
-def test_the_codes_are_listed_with_their_state_and_what_is_counted(
-    memory: Path, capsys: Capture
-) -> None:
+def test_the_codes_are_listed_with_states_and_counts(memory: Path, capsys: Capture) -> None:
     out = output(capsys, "list", "--memory", memory)
     lines = out.splitlines()
     said, others = lines[3:9], [*lines[:3], *lines[9:]]
@@ -82,9 +80,7 @@ def test_an_empty_memory_has_no_codes(tmp_path: Path, capsys: Capture) -> None:
     assert output(capsys, "freeze-frame", "--memory", tmp_path / "o2.db") == "no freeze frames\n"
 
 
-def test_freeze_frames_are_shown_with_units_the_confirmed_code_first(
-    memory: Path, capsys: Capture
-) -> None:
+def test_freeze_frames_have_units_the_confirmed_code_first(memory: Path, capsys: Capture) -> None:
     lines = output(capsys, "freeze-frame", "--memory", memory).splitlines()
     assert [line.split() for line in lines] == [
         ["P015A", "2026-05-28", "20:26:40", "UTC"],
@@ -98,16 +94,12 @@ def test_freeze_frames_are_shown_with_units_the_confirmed_code_first(
     assert frame == {"code": "P2195", "t_ns": 2_500_000_000, "values": {"lambda_measured": 1.125}}
 
 
-def test_a_freeze_frame_that_is_not_there_is_an_error_that_names_those_there_are(
-    memory: Path, capsys: Capture
-) -> None:
+def test_a_freeze_frame_that_is_not_there_names_those_there(memory: Path, capsys: Capture) -> None:
     assert cli.main(["dtc", "freeze-frame", "P0133", "--memory", str(memory)]) == 2
     assert "no freeze frame of P0133; there are: P015A, P2195" in capsys.readouterr().err
 
 
-def test_readiness_shows_each_test_with_its_results_and_performance(
-    memory: Path, capsys: Capture
-) -> None:
+def test_readiness_shows_each_test_with_its_results(memory: Path, capsys: Capture) -> None:
     lines = output(capsys, "readiness", "--memory", memory).splitlines()
     by_test = {line.split()[0]: line for line in lines[:6]}
     assert " complete " in by_test["response"]

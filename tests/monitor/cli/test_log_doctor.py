@@ -54,9 +54,7 @@ def no_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("no_training")
-def test_without_training_a_model_judges_and_no_table_is_made(
-    tmp_path: Path, capfd: Output
-) -> None:
+def test_without_training_a_model_judges_without_tables(tmp_path: Path, capfd: Output) -> None:
     (tmp_path / "my.toml").write_text("[enable]\nengine_speed_max_rpm = 4000.0\n")
     call = ["doctor", str(LATE), "--channel", "1", "--model", str(SHIPPED)]
     call += ["--config", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]

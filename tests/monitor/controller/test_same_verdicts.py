@@ -38,9 +38,7 @@ def driver(exported: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_window_and_code_of_a_replay_log_is_the_same_in_c(
-    name: str, setup: Setup, driver: Path
-) -> None:
+def test_every_verdict_of_a_log_is_the_same_in_c(name: str, setup: Setup, driver: Path) -> None:
     drive = read(name, setup)
     (python,) = c_monitor.in_python([drive.block], drive.names, setup)
     given = c_monitor.rows(drive.block, drive.names, c_monitor.source_of(setup))

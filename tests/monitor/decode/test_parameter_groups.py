@@ -90,9 +90,7 @@ def test_a_group_may_come_from_anyone_and_other_messages_from_one_sender(folder:
     sources=st.lists(st.sampled_from([0, 3, 7]), min_size=1, max_size=12),
     cuts=st.lists(st.integers(1, 11), max_size=4),
 )
-def test_where_blocks_begin_no_other_sender_is_heard(
-    folder: Path, sources: list[int], cuts: list[int]
-) -> None:
+def test_no_block_hears_another_sender(folder: Path, sources: list[int], cuts: list[int]) -> None:
     bus_map = bus(folder, 3)
     frames = [speed(k, source, 800.0 + k) for k, source in enumerate(sources)]
     subject, found = Decoding(bus_map, bus_map.names), list[Values]()
@@ -113,9 +111,7 @@ def test_where_blocks_begin_no_other_sender_is_heard(
     ],
     ids=["signal", "message"],
 )
-def test_a_misspelt_name_in_a_map_is_named_with_the_nearest_ones(
-    folder: Path, wanted: str, line: str
-) -> None:
+def test_a_misspelt_name_is_told_with_the_nearest(folder: Path, wanted: str, line: str) -> None:
     bus(folder, 0)
     wrong = folder / "wrong.toml"
     wrong.write_text(f"[signals]\nengine_speed_rpm = {{ {wanted} }}\n")

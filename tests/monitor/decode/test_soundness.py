@@ -82,9 +82,7 @@ def refusal(files: tuple[Path, Path]) -> str:
         (database(name="-5"), "not a CAN database"),
     ],
 )
-def test_a_database_that_no_bus_has_is_refused_in_one_line(
-    tmp_path: Path, dbc: str, message: str
-) -> None:
+def test_a_database_that_no_bus_has_is_one_line(tmp_path: Path, dbc: str, message: str) -> None:
     said = refusal(pair(tmp_path, dbc))
     assert message in said
     assert "x.dbc" in said
@@ -118,9 +116,7 @@ def test_limits_without_bounds_are_no_limits(tmp_path: Path) -> None:
         (MAP.format(", factor = '" + "x" * 10_000 + "'"), "a number is wanted"),
     ],
 )
-def test_a_map_that_no_one_writes_is_refused_in_one_line(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_a_map_that_no_one_writes_is_one_line(tmp_path: Path, text: str, message: str) -> None:
     dbc, map_path = pair(tmp_path, database())
     map_path.write_bytes(text.encode("latin-1"))
     said = refusal((dbc, map_path))

@@ -47,9 +47,7 @@ def refused(path: Path, message: str) -> None:
 
 @pytest.mark.parametrize("packed", ["", ".gz"])
 @pytest.mark.parametrize("kind", FRAME)
-def test_a_line_that_never_ends_is_refused_after_the_frames_before_it(
-    tmp_path: Path, kind: str, packed: str
-) -> None:
+def test_a_line_that_never_ends_ends_the_log(tmp_path: Path, kind: str, packed: str) -> None:
     path = tmp_path / f"drive{kind}{packed}"
     text = (FRAME[kind] + random.Random(1).randbytes(LINE_BYTES).hex()).encode()
     path.write_bytes(gzip.compress(text, 1) if packed else text)
@@ -86,9 +84,7 @@ BLF = {  # containers behind that of a sound frame
 
 
 @pytest.mark.parametrize("message", BLF)
-def test_a_blf_that_grows_without_end_or_has_an_object_without_end_is_refused(
-    tmp_path: Path, message: str
-) -> None:
+def test_a_blf_or_an_object_of_it_without_end_is_refused(tmp_path: Path, message: str) -> None:
     path = tmp_path / "drive.blf"
     path.write_bytes(blf_file([(fd_object(8, b"abcdefgh"), DEFLATED), *BLF[message]]))
     refused(path, message)

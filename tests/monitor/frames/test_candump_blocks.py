@@ -136,9 +136,7 @@ def assert_as_streamed(lines: list[bytes], found: candump.Lines) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left_to_the_streaming_reader(
-    form: bytes,
-) -> None:
+def test_a_line_with_any_one_byte_changed_is_read_rightly_or_left(form: bytes) -> None:
     lines = [
         form[:place] + bytes([byte]) + form[place + 1 :]
         for place in range(len(form))

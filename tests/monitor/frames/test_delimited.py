@@ -164,9 +164,7 @@ def test_a_log_that_ends_in_a_row_is_read_to_that_row_and_says_so(tmp_path: Path
         (bytes(range(256)) * 20, "binary data"),
     ],
 )
-def test_a_file_that_is_no_table_is_refused_in_one_line(
-    tmp_path: Path, text: bytes, message: str
-) -> None:
+def test_what_is_no_table_is_refused_in_one_line(tmp_path: Path, text: bytes, message: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(text)
     with pytest.raises(RecordingError, match=message) as caught:

@@ -134,9 +134,7 @@ LOGS = {
 
 
 @pytest.mark.parametrize("version", LOGS)
-def test_each_version_of_trc_gives_its_frames_and_states_and_errors_pass(
-    version: str, tmp_path: Path
-) -> None:
+def test_each_version_of_trc_gives_its_frames_alone(version: str, tmp_path: Path) -> None:
     (tmp_path / "drive.trc").write_text(LOGS[version])
     counters = LogCounters()
     frames = list(read_frames(tmp_path / "drive.trc", counters))

@@ -158,9 +158,7 @@ def values(table: Table, name: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_the_proposed_profile_reads_names_and_units_as_they_stand(
-    proposed: Proposed, name: str
-) -> None:
+def test_the_proposed_profile_reads_names_and_units(proposed: Proposed, name: str) -> None:
     text, wanted = TABLES[name]
     table, columns = proposed(text)
     assert wanted.items() <= columns.items()
@@ -227,9 +225,7 @@ def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: 
         ("Airmass (bananas/stk)", "", "air_mass_mg"),  # a unit that nobody knows
     ],
 )
-def test_what_is_no_measurement_is_not_proposed(
-    tmp_path: Path, column: str, cells: str, signal: str
-) -> None:
+def test_no_other_column_is_proposed(tmp_path: Path, column: str, cells: str, signal: str) -> None:
     path, out = tmp_path / "drive.csv", tmp_path / "drive.toml"
     path.write_text(f"Time,RPM,{column}\n" + rows(lambda i: f"{i / 10},{RPM[i]},{cells or AIR[i]}"))
     assert cli.main(["check", str(path), "--write-profile", str(out)]) == 0

@@ -40,9 +40,7 @@ def test_a_text_log_of_another_tool_gives_its_frames(tmp_path: Path, name: str) 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig", "gb18030"])
 @pytest.mark.parametrize("name", ["gvret.csv", "dates.log", "plain.log", "chinese.csv"])
-def test_the_encoding_of_a_redirected_output_does_not_matter(
-    tmp_path: Path, name: str, encoding: str
-) -> None:
+def test_the_encoding_of_outputs_does_not_matter(tmp_path: Path, name: str, encoding: str) -> None:
     plain = "".join(f"(1.0{i}0000) can0 0C{i}#0{i}\n" for i in range(4))
     text = TOOLS.get(name, plain)
     path, same = tmp_path / name, tmp_path / f"same_{name}"

@@ -47,9 +47,7 @@ def zeroed(frames: list[Frame]) -> list[Frame]:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_log_format_gives_the_frames_it_was_given(
-    folder: Path, drive: FrameBlock, suffix: str
-) -> None:
+def test_every_log_format_gives_its_frames(folder: Path, drive: FrameBlock, suffix: str) -> None:
     counters = LogCounters()
     frames = list(read_frames(folder / f"drive{suffix}", counters))
     assert zeroed(frames) == zeroed(list(frames_of(drive)))
@@ -124,9 +122,7 @@ def test_what_is_no_log_is_refused_by_name(
     assert str(path) in str(caught.value)
 
 
-def test_an_mf4_log_without_asammdf_names_the_extra(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_mf4_without_asammdf_names_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
     with pytest.raises(RecordingError, match=r"'\.\[mdf\]'"):
         read_frames(folder / "drive.mf4")
@@ -272,9 +268,7 @@ def test_memory_stays_flat_with_the_length_of_a_log(tmp_path: Path, suffix: str)
 
 @inputs(20)
 @given(st.lists(st.lists(st.integers(0, 60), max_size=25), max_size=4), st.integers(1, 7))
-def test_channel_groups_of_an_mf4_are_merged_in_order_of_time(
-    times: list[list[int]], most: int
-) -> None:
+def test_channel_groups_of_an_mf4_are_merged_by_time(times: list[list[int]], most: int) -> None:
     groups, wanted = [], []
     for number, each in enumerate(times):
         frames = [Frame(t_ns, number, False, b"") for t_ns in sorted(each)]

@@ -223,9 +223,7 @@ def test_uneven_repeated_and_paused_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("step_s", "period_s"), [(0.02, 0.1), (0.198, 0.2), (1.0, 1.0)])
-def test_a_slow_uneven_log_has_a_grid_of_its_own(
-    tmp_path: Path, step_s: float, period_s: float
-) -> None:
+def test_a_slow_uneven_log_has_its_own_grid(tmp_path: Path, step_s: float, period_s: float) -> None:
     t_s = step_s * np.arange(50) + 0.05 * step_s * (np.arange(50) % 2)
     columns = {"Time (msec)": 1000 * t_s, "Engine Speed (rpm)": 900 + t_s}
     path = write_text_table(tmp_path / "a.csv", columns)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from monitor.base.errors import SignalMapError
-from monitor.base.types import Quality, Sample, SampleBlock
+from monitor.base.types import Sample, SampleBlock
 from monitor.decode.block_decoder import Decoded
 from monitor.decode.signal_map import Derived
 from monitor.grid.block_assembler import MAX_JUMP_NS, MAX_LATE, BlockAssembler, assemble_arrays
@@ -19,27 +19,6 @@ from tests.helpers.models.slow_assembler import SlowAssembler
 
 MS = 1_000_000
 S = 1_000 * MS
-
-
-class Grid:
-    """An assembler that takes one frame after the other."""
-
-    def __init__(self, subject: BlockAssembler) -> None:
-        self.subject = subject
-
-    def push(self, t_ns: int, values: Mapping[int, float]) -> list[Sample]:
-        return singly(self.subject.push(np.array([t_ns]), decoded([values])))
-
-    def play(self, *arrivals: tuple[int, float | None]) -> list[Sample]:
-        """Return the samples of a channel's values, or of frames without one, at times in ms."""
-        found: list[Sample] = []
-        for t_ms, value in arrivals:
-            found += self.push(t_ms * MS, {} if value is None else {0: value})
-        return found
-
-
-def grid(period_ms: int = 100, timeout_ms: int = 250) -> Grid:
-    return Grid(BlockAssembler(["x"], ["x"], period_ms * MS, [timeout_ms * MS]))
 
 
 def decoded(frames: Sequence[Mapping[int, float]]) -> list[Decoded]:
@@ -59,34 +38,6 @@ def singly(block: SampleBlock) -> list[Sample]:
 
 def bits(samples: Sequence[Sample]) -> list[tuple[int, int, bytes, bytes]]:
     return [(s.index, s.t_ns, s.values.tobytes(), s.quality.tobytes()) for s in samples]
-
-
-def test_a_clock_that_went_backwards_anchors_the_grid_anew() -> None:
-    # GIVEN a drive at 1000 s
-    subject = grid()
-    subject.play((1_000_000, 1.0), (1_000_101, 1.0))
-    # WHEN the clock falls to 0 s
-    late = [(t, 2.0) for t in range(MAX_LATE)]
-    samples = subject.play(*late)
-    # THEN the hundredth late frame marks the break and the grid goes on from there
-    assert [(s.index, s.t_ns, s.quality.tolist()) for s in samples] == [
-        (2, (MAX_LATE - 1) * MS, [Quality.STALE])
-    ]
-    assert subject.subject.counters.discontinuities == 1
-    after = subject.play((MAX_LATE + 100, None))
-    assert [(s.index, s.t_ns, s.values.tolist()) for s in after] == [
-        (3, (MAX_LATE + 99) * MS, [2.0])
-    ]
-
-
-def test_a_jump_of_more_than_a_minute_is_a_break_and_a_shorter_one_a_gap() -> None:
-    subject = grid(period_ms=1000)
-    assert len(subject.play((0, 1.0), (60_000, 1.0))) == 59
-    samples = subject.play((120_001, 7.0), (121_002, None))
-    assert [s.t_ns // MS for s in samples] == [60_000, 120_001, 121_001]
-    assert [s.quality[0] for s in samples] == [Quality.GOOD, Quality.STALE, Quality.GOOD]
-    assert [s.index for s in samples] == [60, 61, 62]
-    assert subject.subject.counters.discontinuities == 1
 
 
 @pytest.mark.parametrize("period_ns", [0, -5, MAX_JUMP_NS + 1])
@@ -175,7 +126,7 @@ def test_frames_in_any_order_and_in_any_blocks_give_the_bits_of_the_rules(
 
 
 def test_times_at_both_ends_of_64_bits_are_a_break_and_no_more() -> None:
-    subject = grid(period_ms=1000).subject
+    subject = BlockAssembler(["x"], ["x"], S, [250 * MS])
     t_ns = np.array([-9_100_000_000, 9_100_000_000, -9_100_000_000], dtype=np.int64) * S
     samples = singly(subject.push(t_ns))
     assert [s.t_ns // S for s in samples] == [-9_099_999_999, 9_100_000_000]

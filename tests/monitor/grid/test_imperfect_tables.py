@@ -70,9 +70,7 @@ def passed_windows(told: str) -> int:
     return int(found[1])
 
 
-def test_one_blank_cell_in_a_hundred_is_filled_and_counted_and_the_drive_is_judged(
-    replay: Replay,
-) -> None:
+def test_one_blank_cell_in_a_hundred_is_filled_and_counted(replay: Replay) -> None:
     n_blank, rng = 0, np.random.default_rng(1)
 
     def blanks(data: Columns) -> None:
@@ -100,9 +98,7 @@ def test_a_drive_with_a_pause_of_the_logger_gets_no_code(pause_s: float, tmp_pat
 
 
 @pytest.mark.parametrize("every", [2, 10])
-def test_rows_further_apart_than_the_model_s_samples_are_not_judged_by_it(
-    every: int, replay: Replay
-) -> None:
+def test_rows_further_apart_than_samples_are_not_judged(every: int, replay: Replay) -> None:
     def coarse(data: Columns) -> None:
         data.update({name: values[::every] for name, values in data.items()})
 
@@ -165,9 +161,7 @@ def test_what_is_usual_for_a_logger_is_no_other_time() -> None:
 
 
 @given(step=st.sampled_from([1e-6, 0.01, 0.1]), rows=st.integers(1, 8), seed=st.integers(0, 1000))
-def test_a_column_s_interval_is_how_often_it_is_written_not_how_coarse(
-    step: float, rows: int, seed: int
-) -> None:
+def test_a_column_s_interval_is_how_often_it_is_written(step: float, rows: int, seed: int) -> None:
     moving = np.cumsum(np.random.default_rng(seed).normal(size=3000))
     values = held(rows)(np.round(moving / step) * step)
     every_s = column_times(values[:, np.newaxis], ("a",), 0.1)["every_s"]["a"]

@@ -105,9 +105,7 @@ OTHERS = (1 << 56) - (1 << 16) & ~(READY | HEATER)
 @given(
     readings, st.sampled_from([n for n in NAMES if n not in FRAME_FAULTS and n != "signal_missing"])
 )
-def test_a_sensor_fault_changes_its_signals_and_the_checksum_only(
-    values: list[float], name: str
-) -> None:
+def test_a_sensor_fault_changes_signals_and_checksum_only(values: list[float], name: str) -> None:
     frames = lambda_frames(values)
     out = injected(frames, Injection.of(name))
     assert len(out) == len(frames)

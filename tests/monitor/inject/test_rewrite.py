@@ -66,9 +66,7 @@ payloads = st.binary(min_size=8, max_size=8).map(sound)
 
 
 @given(payloads, st.integers(-40, 40))
-def test_a_counter_is_shifted_round_its_end_and_nothing_else_changes(
-    data: bytes, shift: int
-) -> None:
+def test_a_counter_is_shifted_round_its_end_and_nothing_else(data: bytes, shift: int) -> None:
     written = writer_of(OWN).write(data, {}, shift)
     assert written[6] >> 4 == ((data[6] >> 4) + shift) % 16
     assert (written[:6], written[6] & 0xF) == (data[:6], data[6] & 0xF)

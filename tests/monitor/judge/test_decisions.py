@@ -106,9 +106,7 @@ def test_a_fault_that_a_healthy_drive_showed_sets_no_code_whichever_test_finds_i
         assert len(codes(changes)) == wanted
 
 
-def test_a_signal_that_was_missing_in_a_healthy_drive_is_told_when_it_is_missing_again(
-    setup: Setup,
-) -> None:
+def test_a_signal_missing_in_a_healthy_drive_is_told_when_missing_again(setup: Setup) -> None:
     trust = Trust(drives=3, found={"transient": 3}, false={"signal_missing": 1})
     missing = TickResult("communication", True, "signal_missing")
     assert codes(decisions(setup, trust).electrical(missing, 1)) == ["U0100"]

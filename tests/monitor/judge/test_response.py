@@ -222,9 +222,7 @@ def test_a_slow_or_late_sensor_is_found_and_named_by_its_edge(
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("direction", ["rich_to_lean", "lean_to_rich"])
-def test_a_sensor_that_holds_before_it_follows_an_edge_is_late_on_it(
-    direction: str, seed: int
-) -> None:
+def test_a_sensor_that_holds_before_an_edge_is_late_on_it(direction: str, seed: int) -> None:
     failed = failed_only(verdicts(holding(direction, 0.55), seed))
     assert {v.fault for v in failed} == {f"delay_{direction}"}
     # held for half a period of the modulation the signal hardly comes through: the edge is right,

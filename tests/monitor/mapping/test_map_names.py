@@ -204,9 +204,7 @@ def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> Non
         ("Manifold", 'EngMnfldPress (0.1,-206) [-206|600] "kPa"'),
     ],
 )
-def test_a_signal_of_another_quantity_stays_a_comment_with_its_reason(
-    message: str, signal: str
-) -> None:
+def test_a_signal_of_another_quantity_stays_a_comment(message: str, signal: str) -> None:
     text, proposals = proposed(database_of(signal, message=message))
     assert proposals.names == ()
     lines = [line for line in text.splitlines() if "message =" in line]

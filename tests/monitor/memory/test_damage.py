@@ -50,9 +50,7 @@ def test_damage_of_one_file_is_always_repaired(tmp_path: Path, kept: dict[str, F
             assert outcome(hit, tmp_path / "folder", wholes) == "repaired"
 
 
-def test_after_a_kill_between_the_two_files_the_newer_one_counts(
-    path: Path, kept: dict[str, Files]
-) -> None:
+def test_of_two_files_that_a_kill_left_the_newer_counts(path: Path, kept: dict[str, Files]) -> None:
     new, old = contents(kept["killed"], path.parent)
     assert new != old
     put(kept["killed"], path.parent)
@@ -147,9 +145,7 @@ def test_a_code_set_at_time_zero_is_one_of_this_drive() -> None:
     assert dtc_entry(lost.next_cycle(shipped().profile), 0, 1.0)["t_s"] is None
 
 
-def test_dtc_says_what_happened_to_a_damaged_memory(
-    path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_dtc_tells_of_a_damaged_memory(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damage(path, of=slice(1))
     assert main(["dtc", "list", "--memory", str(path), "--json"]) == 0
     said = capsys.readouterr()

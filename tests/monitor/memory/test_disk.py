@@ -76,9 +76,7 @@ def no_file_larger_than(n_bytes: int) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("hold", [False, True])
-def test_a_full_disk_is_one_clear_line_and_the_memory_keeps_what_it_had(
-    tmp_path: Path, *, hold: bool
-) -> None:
+def test_a_full_disk_is_one_line_and_the_memory_stays(tmp_path: Path, *, hold: bool) -> None:
     path = tmp_path / "o2.db"
     with closing(Memory(path, hold=hold)) as memory:
         memory.save(Saved((Dtc("P0133", t_ns=1),)))

@@ -21,9 +21,7 @@ def test_every_test_of_the_monitor_sets_faults_that_have_codes() -> None:
 
 
 @pytest.mark.parametrize("fault", CODES)
-def test_a_code_is_pending_in_the_first_failing_driving_cycle_and_confirmed_in_the_next(
-    fault: str,
-) -> None:
+def test_a_code_is_pending_in_the_first_failing_cycle_confirmed_in_the_next(fault: str) -> None:
     store = DtcStore()
     assert (states(store), store.fault_flag) == ({}, False)
     for t_ns, state in ((7, "pending"), (3, "confirmed")):
@@ -64,9 +62,7 @@ def test_a_completed_test_without_a_fault_clears_only_the_completion_bits() -> N
         ("not_ready", "activity"),
     ],
 )
-def test_a_passed_test_of_another_fault_leaves_a_shared_code_alone(
-    fault: str, other_test: str
-) -> None:
+def test_a_passed_test_of_another_fault_leaves_a_code_alone(fault: str, other_test: str) -> None:
     store = DtcStore()
     store.fail(fault, 1)
     before = code_of(store, CODES[fault][0])

@@ -97,9 +97,7 @@ def test_what_is_stored_already_is_not_written_again(tmp_path: Path) -> None:
         assert times(path) == {"P0133": 2}
 
 
-def test_of_processes_that_take_the_lock_again_and_again_one_holds_it_at_a_time(
-    tmp_path: Path,
-) -> None:
+def test_of_processes_that_take_the_lock_one_holds_it_at_a_time(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from monitor.base.errors import RecordingError\n"
         "from monitor.memory.lock import Lock\n"
@@ -143,9 +141,7 @@ def test_what_is_no_fault_memory_is_refused_and_left_as_it_is(tmp_path: Path) ->
         assert path.read_bytes() == before
 
 
-def test_another_version_of_the_file_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, wanted = tmp_path / "dtc.db", SCHEMA_VERSION
     newer = text_of(Content()).replace(f'"schema": {wanted}', f'"schema": {wanted + 1}')
     for text, what in ((newer, f"schema {wanted + 1}, wanted {wanted}"), ("{}", "schema")):
@@ -205,9 +201,7 @@ def test_another_name_of_a_memory_is_the_same_memory(tmp_path: Path) -> None:
     assert times(path) == times(link) == {"P0133": 1}
 
 
-def test_a_copy_of_the_file_is_the_memory_also_beside_the_partner_of_another(
-    tmp_path: Path,
-) -> None:
+def test_a_copy_of_the_file_is_the_memory_also_beside_another_s_partner(tmp_path: Path) -> None:
     old, new = tmp_path / "old.db", tmp_path / "new.db"
     for path, n in ((old, 1), (new, 5)):
         with closing(Memory(path)) as memory:

@@ -13,7 +13,7 @@ from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model import model_file
 from monitor.model.card import Limit, ModelCard, TrainingRecording
-from monitor.model.step import Model, from_model_units, to_model_units
+from monitor.model.step import Model
 from tests.helpers.models.networks import card_of, network_of
 from training.narx.export import Network, build, file_content, update_card, write
 from training.narx.network import simulate
@@ -150,29 +150,6 @@ def test_a_forced_output_replaces_the_newest_prediction(path: Path) -> None:
     assert history[1] == 1.0
     model.force_output(float("nan"))  # unknown: what stands there stays
     assert history[0] == 1.25
-
-
-def test_forcing_every_sample_is_the_series_parallel_prediction(path: Path) -> None:
-    net, u = network(), drive(60)
-    rng = np.random.default_rng(3)
-    y = rng.uniform(0.7, 1.3, 60)
-    model = Model.load(path)
-    scaled = net.scaling.scale_y(to_model_units("phi", y))
-    for t in range(60):
-        predicted = model.step(u[t])
-        model.force_output(y[t])
-        if t >= 5:
-            history = scaled[t - 5 : t][::-1][None].copy()
-            one = simulate(
-                net.spec,
-                net.weights,
-                u=net.scaling.scale_u(u),
-                start=np.array([t]),
-                stop=np.array([t + 1]),
-                history=history,
-            )
-            expected = from_model_units("phi", net.scaling.unscale_y(one[t]))
-            assert predicted == pytest.approx(float(expected), rel=1e-5)
 
 
 def test_inputs_that_are_not_finite_are_named(path: Path) -> None:

@@ -21,7 +21,7 @@ from monitor.frames.logs import read_blocks
 from monitor.frames.loop_frames import time_mark
 from monitor.grid import block_samples
 from monitor.grid.block_assembler import BlockAssembler
-from monitor.grid.block_samples import Clearing, FrameSamples, log_samples
+from monitor.grid.block_samples import Clearing, FrameSamples
 from monitor.grid.timeline import Timeline
 from monitor.inject.gateway import write_log
 from monitor.judge.limits import Limits
@@ -90,9 +90,7 @@ def test_spoilt_logs_give_one_result_however_they_are_cut_and_held(
 
 @inputs(50)
 @given(frames=logs(), size=st.sampled_from([1, 7, 100]))
-def test_a_live_sample_leaves_with_the_first_frame_behind_it(
-    frames: list[Frame], size: int
-) -> None:
+def test_a_live_sample_leaves_with_the_frame_behind_it(frames: list[Frame], size: int) -> None:
     names, period_ns = needed_names(MODEL.card, OWN.names), MODEL.card.period_ns
     decoder = BlockDecoder(OWN, names)
     assembler = BlockAssembler.of(decoder, period_ns)
@@ -100,14 +98,6 @@ def test_a_live_sample_leaves_with_the_first_frame_behind_it(
     for block in blocks_of(frames, [size]):
         list(samples.push(block))
         assert len(samples.flush().t_ns) == 0
-
-
-def test_a_log_without_frames_has_no_samples() -> None:
-    decoder = BlockDecoder(OWN, OWN.names)
-    parts = log_samples([], decoder, BlockAssembler.of(decoder, 100_000_000))
-    block, _ = whole(parts, len(OWN.names))
-    assert block.values.shape == (0, len(OWN.names))
-    assert np.array_equal(block.index, [])
 
 
 # From files to verdicts

@@ -63,9 +63,7 @@ def test_a_clock_that_steps_while_the_alive_counters_go_on_changes_nothing(step_
 
 
 @pytest.mark.parametrize("step_s", [3.0, 3600.0])
-def test_without_alive_counters_a_pause_of_the_log_ends_the_window_and_sets_no_code(
-    step_s: float,
-) -> None:
+def test_without_alive_counters_a_pause_ends_the_window_without_a_code(step_s: float) -> None:
     found = replayed(later(DRIVE, MIDDLE, step_s), BARE)
     assert (found.codes, found.cycles, counts(found)) == ((), 0, (0, 1, 0))
     # 26 of them in a row would be a code, were they silence
@@ -78,9 +76,7 @@ def test_without_alive_counters_a_pause_of_the_log_ends_the_window_and_sets_no_c
 
 
 @pytest.mark.parametrize("places", [(0, 1, 2), (0, 50, 3000)])
-def test_frames_stamped_wrongly_set_no_code_and_begin_no_driving_cycle(
-    places: Sequence[int],
-) -> None:
+def test_frames_stamped_wrongly_set_no_code_and_begin_no_cycle(places: Sequence[int]) -> None:
     wrong = DRIVE
     for place, step_s in zip(places, (4.0, 3600.0, 4.0), strict=True):
         wrong = later(wrong, MIDDLE + place, step_s, n=1)

@@ -55,9 +55,7 @@ def test_a_live_sensor_has_no_code_and_the_response_is_not_judged(tmp_path: Path
 
 
 @pytest.mark.parametrize(("afr", "fault"), [(22.3, "stuck_lean"), (7.4, "stuck_rich")])
-def test_a_sensor_at_its_rail_while_fuel_is_injected_is_found(
-    afr: float, fault: str, tmp_path: Path
-) -> None:
+def test_a_sensor_at_its_rail_is_found(afr: float, fault: str, tmp_path: Path) -> None:
     code, recording = replayed(tmp_path, from_half(afr))
     assert code == 1
     assert [dtc["fault"] for dtc in recording["dtcs"]] == [fault]

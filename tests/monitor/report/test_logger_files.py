@@ -95,9 +95,7 @@ def test_check_says_profile_range_and_what_is_missing(tmp_path: Path, capsys: Ca
     assert "97% at 1.34, its end" in capsys.readouterr().out
 
 
-def test_check_of_an_own_table_says_what_the_model_lacks(
-    own: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_check_says_what_the_model_lacks(own: Path, tmp_path: Path, capsys: Capture) -> None:
     assert cli.main(["check", str(own)]) == 0
     assert "the model has all its signals" in capsys.readouterr().out
     path = tmp_path / "t.csv"
@@ -186,9 +184,7 @@ def test_times_in_ms_without_their_unit_are_pointed_out(tmp_path: Path, capsys: 
     assert "note: a row every 100 s; are the times in ms?" in capsys.readouterr().out
 
 
-def test_the_check_of_a_log_takes_profile_and_columns_from_the_model_of_its_car(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_check_takes_profile_and_columns_from_the_model(tmp_path: Path, capsys: Capture) -> None:
     log, model = log_and_model(tmp_path, drive(400))
     assert cli.main(["check", str(log)]) == 2
     assert cli.main(["check", str(log), "--model", str(model)]) == 3

@@ -55,9 +55,7 @@ def test_a_sensor_that_always_reads_beyond_the_range_of_lambda_is_drawn(
     page.close()
 
 
-def test_plots_that_were_folded_at_sunset_are_dark_when_they_are_unfolded(
-    browser: Browser, tmp_path: Path
-) -> None:
+def test_plots_that_were_folded_at_sunset_unfold_dark(browser: Browser, tmp_path: Path) -> None:
     written(tmp_path, recording())
     page = browser.new_page(color_scheme="light")
     page.goto((tmp_path / "report.html").as_uri())

@@ -97,9 +97,7 @@ def test_what_is_left_at_the_end_is_counted_as_dropped() -> None:
     assert (outlet.sent, outlet.dropped) == (0, 5)
 
 
-def test_a_sink_that_never_returns_does_not_keep_the_process(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_sink_that_never_returns_keeps_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.sinks.outlet.END_S", 0.05)
     sink = Fake()
     sink.gate.clear()

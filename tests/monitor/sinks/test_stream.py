@@ -93,9 +93,7 @@ def test_records_are_printed_as_lines_where_the_address_is_a_dash(
     assert kinds == {"signals", "verdict", "code"}
 
 
-def test_a_replay_says_which_sink_does_not_take_its_results(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_replay_says_which_sink_takes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["replay", str(LATE), "--quiet", "--sink", "jsonl:/dev/full"]) == 2
     assert "--sink jsonl:/dev/full fails: " in capsys.readouterr().err
 
@@ -153,9 +151,7 @@ def test_no_message_shows_a_password() -> None:
         st.floats(-1e9, 1e9) | st.booleans() | st.integers() | st.text(max_size=8),
     ),
 )
-def test_any_text_stays_inside_its_one_line(
-    tags: Mapping[str, str], values: Mapping[str, Value]
-) -> None:
+def test_any_text_stays_in_its_line(tags: Mapping[str, str], values: Mapping[str, Value]) -> None:
     line = json_of(Record("signals", 5, values), tags)
     assert len(line.splitlines()) == 1
     read = json.loads(line)

@@ -12,13 +12,10 @@ import pytest
 from monitor.base import faults
 from monitor.base.errors import UsageError
 from monitor.base.signals import OWN
-from monitor.base.types import Quality
-from monitor.frames.logs import read_frames
 from tests.conftest import ROOT
 from tests.helpers.drives.simulated_drives import SHORT, differs, driven, rms
-from tests.helpers.logs.decoding import samples_of
 from training.cli.simulate import FORMATS
-from training.dyno import cycles, ecu, effects, vehicle
+from training.dyno import cycles, effects, vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment, simulate
 from training.recordings import recording
@@ -120,28 +117,6 @@ def test_log_and_table_of_a_drive_give_the_same_samples_bit_for_bit(
     assert len(log.t_s) == pytest.approx(45.0 / period_s, abs=3)
     lost = np.isnan(log.column("lambda_measured")[log.t_s > 31.0])
     assert lost.all() == (fault is not None)
-
-
-def test_the_dynamometers_samples_are_those_the_runtime_makes_of_its_frames(tmp_path: Path) -> None:
-    experiment = replace(
-        SHORT, duration_s=45.0, fault=faults.resolve("signal_missing"), fault_start_s=30.0
-    )
-    bus_map = ecu.own_bus()
-    path = write(experiment, tmp_path, "log")
-    streamed, _ = samples_of(bus_map, bus_map.names, 100_000_000, list(read_frames(path)))
-    sent = ecu.broadcast(
-        simulate(experiment),
-        bus_map,
-        np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle]),
-        experiment.fault,
-        experiment.fault_start_s,
-    )
-    block = ecu.samples(sent, bus_map, 100_000_000)
-    np.testing.assert_array_equal(streamed.t_ns, block.t_ns)
-    np.testing.assert_array_equal(streamed.values, block.values)
-    np.testing.assert_array_equal(streamed.quality, block.quality)
-    at = bus_map.names.index("lambda_measured")
-    assert set(block.quality[:, at].tolist()) == {Quality.INVALID, Quality.GOOD, Quality.STALE}
 
 
 # Every signal

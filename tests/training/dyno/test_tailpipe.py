@@ -40,9 +40,7 @@ def test_the_limit_lies_where_the_emissions_cross_it(monkeypatch: pytest.MonkeyP
     assert found["slow_symmetric"].severity is None
 
 
-def test_settings_follow_from_the_severest_fault_that_each_limits(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_settings_follow_from_the_severest_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     at = dict.fromkeys(tailpipe.SEVERITIES, 1.0) | {"gain_low": None}
     at |= {"slow_rich_to_lean": 0.8, "slow_lean_to_rich": 0.6}
     curve = np.ones(2)

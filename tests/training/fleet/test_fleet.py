@@ -84,46 +84,34 @@ def assert_as_replayed(row: dict[str, Any], windows: pl.DataFrame, found: dict[s
         assert close(row[name], found["limits"][name])
 
 
-def test_a_fleet_has_the_verdicts_of_a_replay(setup: replay.Setup, tmp_path: Path) -> None:
-    # GIVEN logs and tables of a healthy and a delayed sensor
-    paths = [LOGS / DELAYED, write_piece(tmp_path / "healthy.csv", HEALTHY, n=2000)]
-    replayed = [replay.replay(path, setup)[0] for path in paths]
-    # WHEN they are judged as a fleet
-    rows, windows = judged([str(path) for path in paths], tmp_path / "out.parquet")
-    # THEN verdicts, windows and codes are those of o2mon replay
-    assert replayed[0]["dtcs"] and not replayed[1]["dtcs"]
-    for row, found in zip(rows.to_dicts(), replayed, strict=True):
-        assert_as_replayed(row, windows, found)
-        assert row["windows_interrupted"] == found["windows_interrupted"]
-        assert row["sha256"] == found["sha256"]
-        assert row["source"] == found["source"]
-    log, counters = rows.to_dicts()[0], replayed[0]["counters"]
-    assert {k: log[k] for k in columns.COUNTERS} == {
-        k: counters[name] for k, name in columns.COUNTERS.items()
-    }
-
-
-def test_drives_of_a_vehicle_share_its_memory_as_in_a_replay(tmp_path: Path) -> None:
-    # GIVEN a vehicle that learns its reference and whose sensor then fails, between others
+def test_a_fleet_has_the_verdicts_of_a_replay_with_a_memory_for_each_vehicle(
+    setup: replay.Setup, tmp_path: Path
+) -> None:
+    # GIVEN tables of a vehicle that learns its reference and whose sensor then fails, and a log
     names = [HEALTHY, HEALTHY, DELAYED, DELAYED, HEALTHY]
     own = [write_piece(tmp_path / f"v1_{i}.csv", n, 0, 3000 - i) for i, n in enumerate(names)]
-    other = write_piece(tmp_path / "v2.csv", DELAYED, 0, 3000)
-    lines = [*(f"{path.name},first" for path in own[:3]), f"{other.name},second"]
+    lines = [*(f"{path.name},first" for path in own[:3]), f"{LOGS / DELAYED},second"]
     lines += [f"{path.name},first" for path in own[3:]]
-    setup = replay.set_up(None, [], config.load())
     with closing(Memory(tmp_path / "memory.sqlite")) as memory:
         replayed = [replay.replay(path, setup, memory)[0] for path in own]
     # WHEN the manifest is judged
     manifest = manifest_of(tmp_path, "path,vehicle", *lines)
     rows, windows = judged([manifest], tmp_path / "out.parquet")
-    # THEN codes, states and limits follow from drive to drive as with --memory
+    # THEN codes, states and limits follow from drive to drive as with --memory, windows as well
     first = rows.filter(pl.col("vehicle") == "first")
     for row, found in zip(first.to_dicts(), replayed, strict=True):
         assert_as_replayed(row, windows, found)
     assert first["reference_drives"].to_list() == [0, 1, 2, 2, 2]
     told = [states[:1] for states in first["states"].to_list()]
     assert told == [[], [], ["pending"], ["confirmed"], ["confirmed"]]
-    assert rows.filter(pl.col("vehicle") == "second")["states"].to_list() == [["pending"]]
+    # AND those of the log, and what was counted in it, are those of a replay of it alone
+    (log,) = rows.filter(pl.col("vehicle") == "second").to_dicts()
+    found, _ = replay.replay(LOGS / DELAYED, setup)
+    assert_as_replayed(log, windows, found)
+    for name in ("windows_interrupted", "sha256", "source"):
+        assert log[name] == found[name]
+    counted = {column: found["counters"][name] for column, name in columns.COUNTERS.items()}
+    assert {column: log[column] for column in counted} == counted
 
 
 def test_a_copied_drive_counts_once(tmp_path: Path) -> None:

@@ -52,17 +52,6 @@ def test_a_ramp_is_late_by_dead_time_and_both_lags_at_any_sample_period_and_spee
     assert phi[-1] - read[-1] == pytest.approx(0.02 * late_s, abs=1e-9)
 
 
-def test_a_fraction_of_a_sample_of_dead_time_is_interpolated() -> None:
-    step = np.where(np.arange(40) < 20, 1.0, 1.1)
-    read = simulate(
-        path(step, dead_time_s=0.125, dead_time_revolutions=0.0, mixing_s=1e-9, sensor_s=1e-9),
-        PERIOD_S,
-    )
-    assert read[20] == pytest.approx(1.0, abs=1e-3)
-    assert read[21] == pytest.approx(1.075, abs=1e-3)
-    assert read[22] == pytest.approx(1.1, abs=1e-3)
-
-
 def test_the_sensor_takes_the_time_constant_of_its_direction() -> None:
     step = np.r_[np.ones(10), np.full(50, 1.1), np.ones(50)]
     even = path(step, dead_time_s=0.0, dead_time_revolutions=0.0)

@@ -117,9 +117,7 @@ def test_reset_starts_from_the_inputs_and_the_measured_output(result: GreyboxRes
     assert 0.8 < model.step(u) < alone
 
 
-def test_fuel_cut_reads_lean_even_if_no_recording_had_one(
-    drives: list[Recording], tmp_path: Path
-) -> None:
+def test_fuel_cut_reads_lean_though_never_recorded(drives: list[Recording], tmp_path: Path) -> None:
     keep = drives[0].column("fuel_cut") < 0.5
     burning = replace(
         drives[0],

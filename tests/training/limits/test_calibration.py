@@ -74,9 +74,7 @@ def test_a_healthy_drive_counts_once_in_the_rate_of_false_alarms(drives: Path) -
         evaluate(shipped_model(), twice, healthy=True)
 
 
-def test_the_evidence_in_each_drive_is_drawn(
-    drives: Path, calibrated: Path, browser: Browser
-) -> None:
+def test_the_evidence_of_each_is_drawn(drives: Path, calibrated: Path, browser: Browser) -> None:
     assert plots_of(browser, drives / "page.html") == 1
 
 

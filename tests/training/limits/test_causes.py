@@ -33,15 +33,5 @@ def test_a_column_of_zeros_is_named_instead_of_more_recordings(tmp_path: Path) -
     assert "more or longer" not in str(raised.value)
 
 
-def test_a_controller_that_stands_is_no_closed_loop(tmp_path: Path) -> None:
-    constant = recording(tmp_path / "constant.csv", lambda_controller=1.0)
-    (cause,) = why_not(constant, CARD, CONFIG)
-    assert (cause.condition, cause.signal, cause.reason) == (
-        "closed_loop",
-        "lambda_controller",
-        "constant",
-    )
-
-
 def test_nothing_is_wrong_with_an_ordinary_drive(tmp_path: Path) -> None:
     assert why_not(recording(tmp_path / "drive.csv"), CARD, CONFIG) == []

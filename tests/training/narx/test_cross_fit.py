@@ -39,18 +39,6 @@ def test_what_a_recording_holds_does_not_reach_its_unseen_prediction() -> None:
     assert not np.array_equal(run_over(found, 0), run_over(changed, 0), equal_nan=True)
 
 
-def test_twins_predict_every_recording_as_it_was_recorded() -> None:
-    recordings = plant(1, 1200), plant(2, 1200)
-    data = source_of(*recordings).prepared(2, 0)
-    found = cross_fit(data, shape(data))
-    for number, recording in enumerate(recordings):
-        phi = 1.0 / recording.column("lambda_measured")
-        run = run_over(found, number)
-        seen = np.isfinite(run) & np.isfinite(phi)
-        assert seen.sum() > 1100
-        assert np.corrcoef(run[seen], phi[seen])[0, 1] > 0.9
-
-
 def test_a_single_recording_is_predicted_block_by_block() -> None:
     data = source_of(plant(1, 2500)).prepared(2, 0)
     found = cross_fit(data, shape(data))

@@ -121,9 +121,7 @@ def test_evaluate_scores_free_run_and_one_step_after_the_washout(fitted: FitResu
     assert longer["samples"] == 2500 - 7 - 50
 
 
-def test_without_conditions_the_samples_that_the_monitor_judges_are_enabled(
-    fitted: FitResult,
-) -> None:
+def test_without_conditions_the_samples_that_are_judged_are_enabled(fitted: FitResult) -> None:
     drive = plant(9)
     bare = replace(drive, names=NAMES[:3], values=drive.values[:, :3], quality=drive.quality[:, :3])
     (found,) = evaluate(fitted.path, [bare])["recordings"]

@@ -36,9 +36,7 @@ def folds(n: int = 1200) -> list[Prepared]:
 
 
 @pytest.mark.parametrize("most_tried", [1, 4])
-def test_the_mean_has_seen_all_folds_and_errs_no_more_on_unseen_blocks_than_most_members(
-    most_tried: int,
-) -> None:
+def test_the_mean_has_seen_all_folds_and_errs_no_more_than_most_members(most_tried: int) -> None:
     data = folds()
     search = Search(data, most_tried, 0, Work(0.02 * PER_MINUTE), 1)
     search.run()

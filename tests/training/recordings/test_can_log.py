@@ -205,9 +205,7 @@ def test_a_measurement_file_at_one_raster_is_used_sample_for_sample(tmp_path: Pa
     assert (got.names, got.period_ns, len(got.t_s)) == (("a", "b"), 20_000_000, 250)
 
 
-def test_the_unit_of_a_channel_is_that_of_the_signal_or_converted_or_refused(
-    tmp_path: Path,
-) -> None:
+def test_the_unit_of_a_channel_is_converted_or_refused(tmp_path: Path) -> None:
     path, columns = tmp_path / "m.mf4", tmp_path / "channels.toml"
     columns.write_text('coolant_temperature_degc = "tmot"\n')
     measurement(path, {"tmot": 0.1}, "degF")
@@ -266,9 +264,7 @@ def test_a_table_whose_times_are_milliseconds_makes_no_log_of_weeks(tmp_path: Pa
             run("log", table, "--out", log, f"--start={start}")
 
 
-def test_a_measurement_file_whose_values_lie_too_far_apart_is_refused_as_a_table_is(
-    tmp_path: Path,
-) -> None:
+def test_a_measurement_file_of_values_too_far_apart_is_refused(tmp_path: Path) -> None:
     with MDF(version="4.10") as mdf:
         mdf.append(Signal(np.arange(5.0), 100.0 * np.arange(5), name="maf_kg_h", unit="kg/h"))
         mdf.save(tmp_path / "m.mf4")

@@ -77,9 +77,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return network, chain
 
 
-def test_models_of_text_logs_and_every_command_take_binary_logs(
-    tmp_path: Path, models: tuple[Path, Path]
-) -> None:
+def test_every_command_takes_binary_logs(tmp_path: Path, models: tuple[Path, Path]) -> None:
     network, chain = models
     healthy = [mlg(tmp_path / f"healthy{i}", i) for i in range(2)]
     new = mlg(tmp_path / "new", 7)

@@ -108,9 +108,7 @@ def test_a_killed_study_goes_on_where_it_was(
         assert (out / "parts" / name).stat().st_mtime_ns == written_ns, name
 
 
-def test_the_plots_of_a_study_are_drawn(
-    result: dict[str, Any], command: list[str], browser: Browser
-) -> None:
+def test_its_plots_are_drawn(result: dict[str, Any], command: list[str], browser: Browser) -> None:
     impulses, views = len(result["linear"]["impulse"]["rows"]), len(result["sensor"]["views"])
     faults = len(result["sensor"]["faults"])
     wanted = 2 + 1 + impulses + 3 + 2 * views + faults + 2 * min(faults, 6)
@@ -159,9 +157,7 @@ def test_steady_training_sees_less_of_the_transients(result: dict[str, Any]) -> 
     assert abs(steady["samples"] - mixed["samples"]) < 0.1 * mixed["samples"]
 
 
-def test_the_effort_is_told_for_parts_of_the_driving_up_to_all_of_it(
-    result: dict[str, Any],
-) -> None:
+def test_the_effort_is_told_for_parts_of_the_driving(result: dict[str, Any]) -> None:
     parts = result["effort"]["parts"]
     assert [part["minutes"] for part in parts] == [5.0, 10.0, 12.5]
     assert all(0 <= part["found"] <= part["put_on"] for part in parts)
@@ -285,9 +281,7 @@ def test_a_reading_pinned_at_the_end_of_its_range_is_not_judged(drives: dict[str
     assert np.flatnonzero(~scaled_as(data, [recording]).enabled).tolist() == list(range(300, 320))
 
 
-def test_a_missing_signal_is_named_and_compared_with_nothing(
-    drives: dict[str, Path], tmp_path: Path
-) -> None:
+def test_a_missing_signal_is_compared_with_nothing(drives: dict[str, Path], tmp_path: Path) -> None:
     path = write(tmp_path / "lost.csv", tank(400, 8) * [1, 1, 1, np.nan])
     used = *((load(drives[name]),) for name in ("morning", "test")), (load(path),), ()
     task = Task(*used, ("valve", "leak"), "level_m", tmp_path, Settings())

@@ -84,9 +84,7 @@ def test_only_models_that_differ_in_an_unused_learning_rate_coincide() -> None:
     assert not same_as(rates)
 
 
-def test_coinciding_models_are_trained_once_and_shown_with_the_same_figures(
-    result: dict[str, Any], folder: Path
-) -> None:
+def test_coinciding_models_are_trained_once(result: dict[str, Any], folder: Path) -> None:
     one, two = result["models"][:2]
     assert two["same_as"] == 1
     assert one["starts"] == two["starts"]
@@ -150,9 +148,7 @@ def test_a_model_that_runs_away_is_said_to_diverge(data: Prepared) -> None:
 
 
 @pytest.mark.parametrize("candidate", [FEW[0], *FEW[2:]], ids=lambda c: c.algorithm)
-def test_every_algorithm_learns_and_its_start_is_reproducible(
-    data: Prepared, candidate: ModelCandidate
-) -> None:
+def test_every_algorithm_learns_reproducibly(data: Prepared, candidate: ModelCandidate) -> None:
     job = Job(candidate, 7, 40)
     one, two = train_one(data, job), train_one(data, job)
     assert one == two

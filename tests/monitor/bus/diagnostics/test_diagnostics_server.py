@@ -124,9 +124,7 @@ def test_a_request_in_several_frames_is_answered(tester: Tester) -> None:
 
 
 @pytest.mark.parametrize("length", ["10 41", "1F FF", "10 00 00 00 10 00", "10 00 FF FF FF FF"])
-def test_a_request_that_is_too_long_is_refused_at_its_first_frame(
-    tester: Tester, length: str
-) -> None:
+def test_a_request_too_long_is_refused_at_its_first_frame(tester: Tester, length: str) -> None:
     frame = bytes.fromhex(length).ljust(8, b"\x22")
     assert tester.send(frame) == ["32 00 00 cc cc cc cc cc"]
     for number in range(40):  # it is sent all the same
@@ -239,9 +237,7 @@ FRAMES = st.one_of(
 
 @inputs(300)
 @given(st.lists(st.tuples(st.sampled_from([FUNCTIONAL, REQUEST]), FRAMES), max_size=60))
-def test_whatever_comes_while_the_engine_runs_no_code_changes(
-    frames: list[tuple[int, bytes]],
-) -> None:
+def test_while_the_engine_runs_no_code_changes(frames: list[tuple[int, bytes]]) -> None:
     tester = Tester(Vehicle(engine_speed_rpm=800.0))
     before = tester.vehicle.store.saved
     for can_id, data in frames:

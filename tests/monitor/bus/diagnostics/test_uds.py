@@ -53,9 +53,7 @@ def test_only_whole_groups_are_cleared() -> None:
 
 
 @pytest.mark.parametrize("speed_rpm", [800.0, 500.0, math.nan, None])
-def test_service_04_does_nothing_while_the_engine_runs_or_nobody_knows(
-    speed_rpm: float | None,
-) -> None:
+def test_service_04_does_nothing_unless_the_engine_stands(speed_rpm: float | None) -> None:
     vehicle = Vehicle(speed_rpm)
     assert ask("04", vehicle) == "7f 04 22"
     assert ask("04", vehicle, functional=True) == "7f 04 22"

@@ -189,9 +189,7 @@ def test_what_cannot_be_sent_is_counted_and_the_time_of_a_sample_keeps_no_frame_
         (error(0x44, 0, 0x10), "bus off", "bus_off"),
     ],
 )
-def test_an_error_frame_tells_the_controllers_state(
-    said: can.Message, state: str, counter: str
-) -> None:
+def test_an_error_frame_tells_the_state(said: can.Message, state: str, counter: str) -> None:
     bench = Bench(PlayedBus([said, said]))
     bench.receive(2)  # the same state again is not counted again
     health = bench.health

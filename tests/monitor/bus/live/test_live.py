@@ -43,9 +43,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def test_a_drive_is_told_in_four_messages_a_second_with_all_it_needs(
-    late_sensor: list[Frame],
-) -> None:
+def test_a_drive_is_told_in_four_messages_a_second(late_sensor: list[Frame]) -> None:
     sink = Sink()
     player = Player(server=sink)
     player.push(late_sensor)
@@ -205,9 +203,7 @@ def test_a_server_that_takes_nothing_costs_samples_not_memory(
     assert message["samples"][-1][0] == pytest.approx((samples - 1) * 100.0)
 
 
-def test_a_server_that_hangs_never_delays_the_loop(
-    player: Player, late_sensor: list[Frame]
-) -> None:
+def test_a_hanging_server_never_delays_the_loop(player: Player, late_sensor: list[Frame]) -> None:
     assert until(lambda: httpx.get(player.url).status_code == 200)
     os.kill(player.server.pid, signal.SIGSTOP)
     try:
@@ -231,9 +227,7 @@ def test_a_server_that_hangs_never_delays_the_loop(
     assert not player.lines
 
 
-def test_the_loop_outlives_the_server_and_says_so_once(
-    player: Player, late_sensor: list[Frame]
-) -> None:
+def test_the_loop_outlives_the_server_and_says_so(player: Player, late_sensor: list[Frame]) -> None:
     player.push(late_sensor[:2000])
     os.kill(player.server.pid, signal.SIGKILL)
     assert until(lambda: not is_running(player.server.pid))

@@ -45,9 +45,7 @@ def test_checking_asks_and_says_what_is_missing(capsys: pytest.CaptureFixture[st
     assert "lambda_measured" not in said.splitlines()[-1]
 
 
-def test_checking_where_nobody_answers_says_what_that_may_be(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_where_nobody_answers_a_check_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     bus = ["-i", "virtual", "-c", "obd nobody", "--obd"]
     assert main(["check", *bus, "--seconds", "1"]) == 3
     said = capsys.readouterr().out

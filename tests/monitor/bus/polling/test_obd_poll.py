@@ -191,9 +191,7 @@ def test_a_silent_bus_is_asked_seldom_and_a_returning_ecu_is_found_and_asked_ane
     ("requests", "response"),
     [((0x7DF,), 0x7E8), ((0x7DF, 0x7E0), 0x7E8), ((0x18DB33F1, 0x18DA10F1), 0x18DAF110)],
 )
-def test_the_ecu_is_found_whichever_way_it_is_addressed(
-    requests: tuple[int, ...], response: int
-) -> None:
+def test_the_ecu_is_found_however_it_is_addressed(requests: tuple[int, ...], response: int) -> None:
     ecu = steady_ecu(
         requests=(*requests, 0x7E0) if response == 0x7E8 else requests, response=response
     )

@@ -123,9 +123,7 @@ def test_a_regime_that_gets_worse_is_told(models: tuple[Path, Path]) -> None:
     assert {e.regime for e in found.worse} == {e.regime for e in cells[:3]}
 
 
-def test_without_a_new_model_there_are_the_old_ones_figures_alone(
-    models: tuple[Path, Path],
-) -> None:
+def test_without_a_new_model_there_are_the_old_figures_alone(models: tuple[Path, Path]) -> None:
     found = verified(models[0], None, held_out(), faults=FAULTS[:1])
     assert found.overall.before == pytest.approx(0.02, rel=0.05)
     assert found.overall.after is None

@@ -64,9 +64,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return drives(folder, 2_800_041, ("wall_film", 4.0), suffixes=("parquet", "log", "csv.gz"))
 
 
-def test_fit_leaves_a_reference_of_the_healthy_vehicle_in_the_card(
-    chain: Path, healthy: list[Path]
-) -> None:
+def test_fit_leaves_the_vehicle_s_reference_in_the_card(chain: Path, healthy: list[Path]) -> None:
     card = Model.load(chain).card
     assert card.reference[KEY]["recordings"] == [path.name for path in healthy]
     assert {"derived", KEY} <= set(card.reference)
