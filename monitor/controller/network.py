@@ -125,7 +125,7 @@ def step_code(graph: StepGraph, prediction: str, n_inputs: int, n_state: int, na
 def _emitter(kind: str) -> Callable[[_Code, Node], None]:
     if kind in _ELEMENTWISE:
         return _elementwise
-    return {"Gemm": _gemm, "Concat": _concat, "Slice": _slice}[kind]
+    return {"Gemm": _gemm, "Concat": _concat, "ReduceSum": _sum, "Slice": _slice}[kind]
 
 
 def _elementwise(code: _Code, node: Node) -> None:
@@ -162,6 +162,13 @@ def _concat(code: _Code, node: Node) -> None:
     for own, width in zip(names, widths, strict=True):
         code.loop(width, f"{out}[i + {at}U] = {own}[i];")
         at += width
+
+
+def _sum(code: _Code, node: Node) -> None:
+    source, width = code.use(node.inputs[0]), code.widths[node.inputs[0]]
+    out = code.result(node.outputs[0], 1)
+    code.lines.append(f"    {out}[0] = 0.0f;")
+    code.loop(width, f"{out}[0] += {source}[i];")
 
 
 def _slice(code: _Code, node: Node) -> None:

@@ -59,6 +59,21 @@ def compiled(
     return out
 
 
+def predicted(folder: Path, scratch: Path, u: FloatArray) -> FloatArray:
+    """Return what the exported network predicts from inputs (n, k), from an empty state on."""
+    main, out = scratch / "main.c", scratch / "step"
+    main.write_text(
+        '#include "o2_tables.h"\n#include <stdio.h>\nint main(void) { float u[O2_N_INPUTS], y;\n'
+        "  static float s[O2_N_STATE]; while (fread(u, sizeof(u), 1U, stdin) == 1U) {\n"
+        "    o2_model_step(u, s, &y); (void)fwrite(&y, sizeof(y), 1U, stdout); } return 0; }\n"
+    )
+    files = [main, folder / "o2_model.c"]
+    subprocess.run(["gcc", *STRICT, f"-I{folder}", "-o", out, *files, "-lm"], check=True)
+    given = u.astype(np.float32).tobytes()
+    done = subprocess.run([out], input=given, capture_output=True, check=True)
+    return np.frombuffer(done.stdout, np.float32).astype(np.float64)
+
+
 def source_of(setup: Setup) -> ExportSource:
     """Return what an export of the setup is made from."""
     return ExportSource(setup.model.card, setup.limits, setup.config)

@@ -14,6 +14,7 @@ from monitor.controller.export import FILES
 from monitor.model.graph_bounds import Node, StepGraph
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
+from tests.helpers.models import c_monitor
 from tests.helpers.models.c_monitor import STRICT
 
 COMPILERS = ("gcc", "clang")
@@ -74,24 +75,14 @@ def test_a_signal_that_the_model_needs_cannot_be_left_out(
 @pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 def test_the_network_predicts_as_the_runtime_does(exported: Path, tmp_path: Path) -> None:
     # GIVEN random inputs in and beyond the trained ranges
-    model, main = Model.load(shipped_model()), tmp_path / "main.c"
+    model = Model.load(shipped_model())
     channels = model.card.inputs
     low, high = (np.array([getattr(c, end) for c in channels]) for end in ("minimum", "maximum"))
-    share = np.random.default_rng(1).uniform(-0.2, 1.2, (500, len(low)))
-    u = (low + share * (high - low)).astype(np.float32)
+    u = low + np.random.default_rng(1).uniform(-0.2, 1.2, (500, len(low))) * (high - low)
     # WHEN both predict step by step from an empty state
-    main.write_text(
-        '#include "o2_tables.h"\n#include <stdio.h>\nint main(void) { float u[O2_N_INPUTS], y;\n'
-        "  static float s[O2_N_STATE]; while (fread(u, sizeof(u), 1U, stdin) == 1U) {\n"
-        "    o2_model_step(u, s, &y); (void)fwrite(&y, sizeof(y), 1U, stdout); } return 0; }\n"
-    )
-    out = tmp_path / "step"
-    files = [main, exported / "o2_model.c"]
-    subprocess.run(["gcc", *STRICT, f"-I{exported}", "-o", out, *files, "-lm"], check=True)
-    done = subprocess.run([out], input=u.tobytes(), capture_output=True, check=True)
     # THEN they agree to some units in the last place
     wanted = [model.step(each) for each in u]
-    assert np.frombuffer(done.stdout, np.float32) == pytest.approx(wanted, rel=2e-5)
+    assert c_monitor.predicted(exported, tmp_path, u) == pytest.approx(wanted, rel=2e-5)
 
 
 def test_a_graph_with_an_operator_of_its_own_is_refused_by_name() -> None:

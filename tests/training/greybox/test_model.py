@@ -1,13 +1,18 @@
 """The grey-box chain as a model: its constants, its file, and effects in its graph."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from monitor.base.config import shipped
 from monitor.base.errors import ModelError, UsageError
+from monitor.controller.export import export
 from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
+from tests.helpers.models import c_monitor
 from training.dyno import vehicle
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
@@ -103,6 +108,19 @@ def follows(found: GreyboxResult, recording: Recording) -> None:
     run = model.run_batch(u[None])[0]
     expected = found.greybox.reading(u.astype(np.float32).astype(np.float64))
     assert np.abs(1.0 / run - np.maximum(expected, 1 / 16)).max() < 1e-5
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+@pytest.mark.parametrize("chain", ["result", "dense"])
+def test_a_chain_predicts_in_c_as_in_the_runtime(
+    chain: str, drives: list[Recording], tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    model = Model.load(request.getfixturevalue(chain).path)
+    u = np.stack([drives[0].column(name) for name in model.card.input_names], axis=1)[:2000]
+    model.card = replace(model.card, limits=Model.load(shipped_model()).card.limits)
+    export(model, shipped(), tmp_path)
+    wanted = [model.step(each) for each in u]
+    assert c_monitor.predicted(tmp_path, tmp_path, u) == pytest.approx(wanted, rel=1e-4)
 
 
 def test_reset_starts_from_the_inputs_and_the_measured_output(result: GreyboxResult) -> None:

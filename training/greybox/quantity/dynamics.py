@@ -184,7 +184,7 @@ def _registered(u: Value, samples: Quantity) -> Value:
     history = u.node("Concat", u, trace.old(place, u, register), axis=1)
     trace.keep(place, trace.take(history.name, 0, register))
     away = np.arange(register + 1.0)[None] - clip(samples, 0.0, float(register))
-    return (history * maximum(1.0 - abs(away), 0.0)).total(1, keepdims=True)
+    return (history * maximum(1.0 - abs(away), 0.0)).total()
 
 
 @njit(cache=True)

@@ -65,9 +65,9 @@ class Value(NDArrayOperatorsMixin):
         names = [x.name if isinstance(x, Value) else x for x in operands]
         return Value(self.trace, self.trace.graph.add(kind, names, **attributes))
 
-    def total(self, axis: int, *, keepdims: bool = False) -> "Value":
-        """Add the sum over an axis."""
-        return self.node("ReduceSum", self, [axis], keepdims=keepdims)
+    def total(self) -> "Value":
+        """Add the sum of each row, (n, 1)."""
+        return self.node("ReduceSum", self, [1])
 
 
 def clip(x: Quantity, low: float, high: float) -> Quantity:
@@ -94,15 +94,15 @@ def bilinear(
     by_row, by_column = hats(x, knots[0]), hats(y, knots[1])
     if not isinstance(x, Value):
         return [((by_row @ values) * by_column).sum(axis=1) for values in maps]
-    wide = by_column.node("Unsqueeze", by_column, [1])  # (n, 1, b)
-    rows = [(wide * values[None]).total(2) for values in maps]
-    return [(row * by_row).total(1, keepdims=True) for row in rows]
+    none = np.zeros(len(knots[0]))
+    rows = [by_column.node("Gemm", by_column, values, none, transB=1) for values in maps]
+    return [(row * by_row).total() for row in rows]
 
 
 def linear(x: Quantity, knots: FloatArray, values: FloatArray) -> Quantity:
     """Return values (k,) at knots (k,) linear between them at ``x``, constant beyond."""
     shares = hats(x, knots)
-    return (shares * values).total(1, keepdims=True) if isinstance(x, Value) else shares @ values
+    return (shares * values).total() if isinstance(x, Value) else shares @ values
 
 
 def cells(x: FloatArray, y: FloatArray, knots: tuple[FloatArray, FloatArray]) -> FloatArray:
