@@ -76,9 +76,7 @@ def noisy_table(folder: Path, noise: float) -> Path:
 
 
 @pytest.mark.usefixtures("installed")
-def test_a_rule_sets_its_code_once_the_settings_switch_it_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rule_sets_its_code_once_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     settings, memory = tmp_path / "on.toml", tmp_path / "o2.db"
     settings.write_text('[rules]\nactive = ["noisy"]\n')
     logs = [str(noisy_table(tmp_path, noise)) for noise in (0.0, 0.05)]

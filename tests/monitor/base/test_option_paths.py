@@ -98,9 +98,7 @@ def leaf_of(program: str, words: tuple[str, ...]) -> argparse.ArgumentParser:
 
 
 @pytest.mark.parametrize(("program", "words"), COMMANDS)
-def test_every_option_that_names_a_file_says_whether_it_is_read_or_written(
-    program: str, words: tuple[str, ...]
-) -> None:
+def test_every_option_that_names_a_file_has_a_role(program: str, words: tuple[str, ...]) -> None:
     for action in leaf_of(program, words)._actions:
         assert action.type is not Path, action
         named = str(action.metavar or "")
@@ -159,9 +157,7 @@ def test_no_command_writes_one_file_twice_or_over_a_manifest_beside_a_recording(
 
 
 @pytest.mark.parametrize(("program", "words"), COMMANDS)
-def test_no_result_is_written_over_the_program_s_own_model_and_settings(
-    program: str, words: tuple[str, ...]
-) -> None:
+def test_no_result_is_written_over_the_program_s_own(program: str, words: tuple[str, ...]) -> None:
     own = [shipped_model(), Path(config.__file__).with_name("default.toml")]
     for goal in options(leaf_of(program, words), paths.written):
         for path in own:

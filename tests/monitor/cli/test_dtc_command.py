@@ -143,9 +143,7 @@ def test_clearing_and_replaying_are_refused_while_a_monitor_runs_on_the_memory(
 
 
 @pytest.mark.parametrize("action", ["list", "freeze-frame", "readiness", "clear"])
-def test_a_memory_that_cannot_be_used_is_one_line_and_exit_code_2(
-    action: str, tmp_path: Path, capsys: Capture
-) -> None:
+def test_an_unusable_memory_is_exit_code_2(action: str, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "empty.db").touch()
     (tmp_path / "drive.log").write_text("(1.0) can0 123#00\n" * 100)
     for name, said in (

@@ -28,9 +28,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_it_compiles_without_a_warning_and_judges_a_table(
-    compiler: str, exported: Path, tmp_path: Path
-) -> None:
+def test_it_compiles_and_judges_a_table(compiler: str, exported: Path, tmp_path: Path) -> None:
     if not shutil.which(compiler):
         pytest.skip(f"needs {compiler}")
     files, out = sorted(exported.glob("*.c")), tmp_path / "example"

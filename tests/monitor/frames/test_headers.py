@@ -171,9 +171,7 @@ def test_the_proposed_profile_reads_names_and_units(proposed: Proposed, name: st
 @pytest.mark.parametrize(
     "names", ["Otáčky motoru;Rychlost vozidla", "Prędkość obrotowa silnika;Prędkość pojazdu"]
 )
-def test_letters_of_central_europe_are_read_in_either_encoding(
-    proposed: Proposed, names: str, encoding: str
-) -> None:
+def test_letters_of_central_europe_are_read(proposed: Proposed, names: str, encoding: str) -> None:
     text = f"Čas;{names}\ns;1/min;km/h\n" + rows(lambda i: f"{i / 10};{RPM[i]};{40 + i % 9}")
     _, columns = proposed(text, encoding)
     assert ";".join(columns[n] for n in ("engine_speed_rpm", "vehicle_speed_km_h")) == names

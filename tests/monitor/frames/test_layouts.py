@@ -144,9 +144,7 @@ def test_numbers_without_letters_and_leading_zeros_are_decimal(tmp_path: Path) -
         ("Time", "0.{:06.0f}", 0.0002),
     ],
 )
-def test_the_times_of_few_frames_keep_their_unit(
-    tmp_path: Path, column: str, form: str, step_s: float
-) -> None:
+def test_few_frames_keep_their_unit(tmp_path: Path, column: str, form: str, step_s: float) -> None:
     path = tmp_path / "few.csv"
     rows = [f"{form.format(200 * i)},0x7E8,{i:02X}\n" for i in range(40)]
     path.write_text(f"{column},ID,Data\n" + "".join(rows))

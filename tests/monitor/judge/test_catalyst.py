@@ -126,9 +126,7 @@ def test_a_catalyst_is_judged_by_what_it_stores(capacity_g: float) -> None:
 @pytest.mark.parametrize(
     ("capacity_g", "lag_s"), [(0.05, 0.1), (0.3, 0.1), (0.05, 1.5), (0.3, 1.5)]
 )
-def test_a_wide_range_sensor_behind_the_catalyst_tells_what_it_stores(
-    capacity_g: float, lag_s: float
-) -> None:
+def test_a_wide_range_sensor_behind_tells_what_it_stores(capacity_g: float, lag_s: float) -> None:
     values = a_drive(capacity_g)
     air_g_s = values[:, 2] / 3.6
     values[:, 0] = wide_lambda(1.0 - 1.0 / values[:, 1], air_g_s, capacity_g, lag_s)

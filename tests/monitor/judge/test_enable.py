@@ -148,9 +148,7 @@ def test_a_value_on_its_limit_does_not_block(settled: Bench, name: str, value: f
 
 
 @pytest.mark.parametrize("name", INPUTS)
-def test_an_input_that_is_not_valid_blocks_until_the_model_has_settled_again(
-    settled: Bench, name: str
-) -> None:
+def test_an_input_that_is_not_valid_unsettles_the_model(settled: Bench, name: str) -> None:
     assert {"inputs_valid", "model_settled"} <= blocking(settled.step(**{name: math.nan}))
     for _ in range(SETTLE):
         conditions = settled.step()

@@ -195,9 +195,7 @@ def test_a_missing_file_is_an_error_with_its_name() -> None:
         ({"state": STATE | {"size": 24}}, "state has shape ['batch', 20]"),
     ],
 )
-def test_a_card_that_is_wrong_is_refused_with_the_file_s_name(
-    path: Path, changes: dict[str, Any], message: str
-) -> None:
+def test_a_wrong_card_is_refused_by_name(path: Path, changes: dict[str, Any], message: str) -> None:
     rewrite_card(path, **changes)
     with pytest.raises(ModelError) as caught:
         Model.load(path)

@@ -21,9 +21,7 @@ DRIVE = {"vehicle": 21, "seed": 8, "duration_s": 420.0, "downstream": True}
     ("fault", "codes"),
     [("biased_lean", {"P2097", "P2195"}), ("biased_rich", {"P2096", "P2196"})],
 )
-def test_codes_follow_from_the_frames_without_any_memory(
-    fault: str, codes: set[str], tmp_path: Path
-) -> None:
+def test_codes_follow_from_the_frames(fault: str, codes: set[str], tmp_path: Path) -> None:
     log = write(Experiment(**DRIVE, fault=faults.resolve(fault, 0.025)), tmp_path, "blf")
     recording, _ = replay(log, set_up(None, [], config.shipped()))
     assert {dtc["code"] for dtc in recording["dtcs"]} == codes

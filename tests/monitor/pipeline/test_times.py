@@ -99,9 +99,7 @@ def test_a_pause_of_a_whole_log_is_no_silence_of_the_ecu(pause_s: float) -> None
     chance=st.randoms(use_true_random=False),
 )
 @example(cuts=[600, 1200, 1800], chance=random.Random(1))
-def test_a_log_whose_stretches_are_in_another_order_sets_no_code(
-    cuts: list[int], chance: random.Random
-) -> None:
+def test_stretches_in_another_order_set_no_code(cuts: list[int], chance: random.Random) -> None:
     edges = [0, *sorted(cuts), 4000]
     stretches = [chosen(DRIVE, slice(*edge)) for edge in pairwise(edges)]
     chance.shuffle(stretches)

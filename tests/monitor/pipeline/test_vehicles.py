@@ -180,9 +180,7 @@ def test_a_model_with_too_few_windows_for_limits_judges_nothing_and_says_what_to
     assert "o2train calibrate" in line
 
 
-def test_a_healthy_car_gets_no_code_from_a_model_of_itself(
-    me7: Path, folder: Path, replayed: Replayed
-) -> None:
+def test_a_healthy_car_gets_no_code_of_its_own(me7: Path, folder: Path, replayed: Replayed) -> None:
     model = fitted(folder / "me7own.onnx", me7, None, "rpm", "tps_pct", "boost_raw", "lambda")
     code, _, recording = replayed(me7, model)
     assert recording["dtcs"] == []

@@ -124,9 +124,7 @@ def test_an_unknown_logger_gets_a_profile_to_edit(tmp_path: Path, capsys: Captur
     assert "RPM" in mine.read_text()
 
 
-def test_replay_of_a_logger_s_file_without_a_model_of_its_own_says_what_to_do(
-    tmp_path: Path, capsys: Capture
-) -> None:
+def test_replay_without_a_model_of_the_car_says_what_to_do(tmp_path: Path, capsys: Capture) -> None:
     lambda_ = {LAMBDA: drive(300)["afr"] / 14.7}
     path = torque(tmp_path / "drive.csv", **lambda_)
     assert cli.main(["replay", str(path)]) == 3

@@ -179,9 +179,7 @@ def test_a_drive_too_short_for_its_tests_says_which_have_no_decision(replayed: R
     assert "record drives longer than the model remembers" in got.out
 
 
-def test_a_check_names_what_would_hold_up_a_verdict(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_check_names_what_blocks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     healthy = table(tmp_path / "healthy.csv")
     zeros = table(tmp_path / "zeros.csv", held("vehicle_speed_km_h", 0.0))
     off = table(tmp_path / "off.csv", held("engine_speed_rpm", 0.0))

@@ -210,9 +210,7 @@ def write_csv(path: Path, columns: dict[str, FloatArray]) -> Path:
     return path
 
 
-def test_the_command_prints_writes_and_ends_with_0(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_ends_with_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_csv(tmp_path / "a.csv", engine(n=2000))
     page, out = tmp_path / "check.html", tmp_path / "check.json"
     chosen = ["--inputs", *INPUTS, "--output", "lean"]

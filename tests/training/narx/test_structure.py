@@ -59,9 +59,7 @@ def test_boxes_hold_every_lag_once_and_widen() -> None:
 
 
 @given(st.integers(1, 3), st.booleans(), st.lists(st.integers(1, 4), min_size=1, max_size=4))
-def test_regressors_are_means_over_boxes_and_past_outputs(
-    n_inputs: int, lag_zero: bool, widths: list[int]
-) -> None:
+def test_regressors_are_means_over_boxes(n_inputs: int, lag_zero: bool, widths: list[int]) -> None:
     edges = np.cumsum([0 if lag_zero else 1, *widths]).tolist()
     spec = Spec(n_inputs, 2, (3,), input_boxes=tuple(pairwise(edges)))
     rng = np.random.default_rng(7)

@@ -156,9 +156,7 @@ def test_every_algorithm_learns_reproducibly(data: Prepared, candidate: ModelCan
     assert one["one_step"]["validate"]["enabled"]["r"] > 0.8
 
 
-def test_the_best_model_is_tuned_and_stored_with_its_weights(
-    data: Prepared, result: dict[str, Any], folder: Path
-) -> None:
+def test_the_best_model_is_tuned(data: Prepared, result: dict[str, Any], folder: Path) -> None:
     (tuned,) = result["tuned"]
     assert tuned["number"] == result["ranking"][0]
     network = (stored(folder / f"{tuned['weights_key']}.json") or {})["network"]

@@ -331,9 +331,7 @@ def test_the_page_has_every_section_in_order_and_escapes_what_it_shows(verdict: 
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
-def test_the_plots_of_every_verdict_are_drawn(
-    browser: Browser, tmp_path: Path, verdict: Verdict
-) -> None:
+def test_plots_of_verdicts_are_drawn(browser: Browser, tmp_path: Path, verdict: Verdict) -> None:
     found = made(verdict)
     gap_page.save(found, tmp_path / "report.html")
     trace = found.verified is not None and found.verified.trace is not None
