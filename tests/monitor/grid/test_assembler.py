@@ -198,7 +198,7 @@ FALLEN = [(0, {2: 1.0}, ""), *[(-5000, {2: 2.0}, "late")] * 2, (101, {}, "")]  #
 
 
 @inputs(300)
-@example(FALLEN, 100, 9, [150])
+@example(FALLEN, 100, 9, [50])
 @given(unruly, periods, starts, st.lists(st.integers(0, 200), max_size=5))
 def test_frames_in_any_order_and_in_any_blocks_give_the_bits_of_the_rules(
     arrivals: list[tuple[int, dict[int, float], str]], period_ms: int, start: int, cuts: list[int]
