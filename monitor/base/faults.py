@@ -26,6 +26,7 @@ TRANSIENT_GAIN = 0.7  # amplitude of the transient fault; its severity is the la
 HOLD_EVERY_S = 12.0  # from one hold of an intermittent sensor to the next
 DRIFT_S = 1800.0  # after which a drift has its whole size
 OUT_OF_RANGE_LAMBDA = 0.31  # no wideband sensor can read so low a lambda
+ALONE = 1.0  # severity of a fault that is there or not
 
 
 def lag_step(x: float, u: float, tau_rising_s: float, tau_falling_s: float, step_s: float) -> float:
@@ -89,7 +90,6 @@ class Fault:
     missing: bool = False
 
 
-_STUCK_STEP = 0.15
 DEFAULT_SEVERITY = {
     "slow_rich_to_lean": 0.6,
     "slow_lean_to_rich": 0.6,
@@ -101,17 +101,17 @@ DEFAULT_SEVERITY = {
     "gain_low": 0.5,
     "biased_lean": 0.1,
     "biased_rich": 0.1,
-    "stuck_lean": _STUCK_STEP,
-    "stuck_rich": _STUCK_STEP,
-    "stuck_at_one": 1.0,
-    "not_ready": 1.0,
+    "stuck_lean": 0.15,
+    "stuck_rich": 0.15,
+    "stuck_at_one": ALONE,
+    "not_ready": ALONE,
     "out_of_range": OUT_OF_RANGE_LAMBDA,
-    "signal_missing": 1.0,
+    "signal_missing": ALONE,
     "no_activity": 0.003,
     "intermittent": 3.0,
     "drift_lean": 0.15,
     "drift_rich": 0.15,
-    "heater": 1.0,
+    "heater": ALONE,
 }
 NAMES = tuple(DEFAULT_SEVERITY)
 
@@ -136,6 +136,8 @@ def resolve(name: str, severity: float | None = None) -> Fault:
     Raises UsageError if the name is unknown or the severity impossible.
     """
     s = severity_of(name, severity, DEFAULT_SEVERITY)
+    if DEFAULT_SEVERITY[name] == ALONE != s:
+        raise UsageError(f"fault {name}: severity {s:g}, none is wanted")
     if name == "gain_low" and s >= 1.0:
         raise UsageError(f"fault gain_low: severity {s} is the gain that is left, wanted below 1")
     if name == "intermittent" and s >= HOLD_EVERY_S:

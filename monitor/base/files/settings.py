@@ -32,8 +32,7 @@ class BoundedSetting:
     @classmethod
     def of(cls, entry: Any) -> "BoundedSetting":
         """Return a setting of the file."""
-        is_table = isinstance(entry, dict) and "value" in entry
-        return cls(**entry) if is_table else cls(entry)
+        return cls(**entry) if isinstance(entry, dict) else cls(entry)
 
     def misfit(self, value: Any) -> str:
         """Return in words what is wanted where a value is of another type or size, else nothing.
@@ -98,8 +97,7 @@ class ShippedSettings:
         values = self.values()
         for name, own in read_toml(path, "the settings", ConfigError).items():
             if name not in values:
-                there = list(values)
-                raise ConfigError(f"{path}: section [{name}] is unknown; there are {there}")
+                raise ConfigError(f"{path}: section [{name}] is unknown; there are {list(values)}")
             if not isinstance(own, dict):
                 raise ConfigError(f"{path}: {name} is a section, {own!r} came")
             settings = self.sections[name]

@@ -1,6 +1,7 @@
 """Faults as defined: in phi = 1/lambda, rising phi is lean to rich; and the bank that agrees."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
@@ -134,8 +135,9 @@ def test_an_unknown_fault_is_named_with_those_there_are(name: str) -> None:
     assert "slow_symmetric" in str(caught.value)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("severity", [0.0, -0.5, math.nan, math.inf])
+@pytest.mark.parametrize(
+    ("name", "severity"), [*product(NAMES, [0.0, -0.5, math.nan, math.inf]), ("stuck_at_one", 3.0)]
+)
 def test_an_impossible_severity_is_refused(name: str, severity: float) -> None:
     with pytest.raises(UsageError, match=name):
         resolve(name, severity)
@@ -154,9 +156,8 @@ def test_combined_faults_do_what_all_parts_do(phi: list[float]) -> None:
     # dead time, then lag, then offset, as the signal runs through the sensor
     late = faulty_readings(parts[1], 1.0 / np.array(phi), PERIOD_S)
     slow = faulty_readings(parts[0], late, PERIOD_S)
-    expected = faulty_readings(parts[2], slow, PERIOD_S)
     got = faulty_readings(both, 1.0 / np.array(phi), PERIOD_S)
-    np.testing.assert_allclose(got, expected, rtol=1e-9)
+    np.testing.assert_allclose(got, faulty_readings(parts[2], slow, PERIOD_S), rtol=1e-9)
 
 
 def test_one_or_no_part_needs_no_combining() -> None:
@@ -175,9 +176,8 @@ def test_one_or_no_part_needs_no_combining() -> None:
     ],
 )
 def test_faults_that_contradict_each_other_are_refused(names: tuple[str, str]) -> None:
-    severities = (0.3, 0.7)
     with pytest.raises(UsageError, match=names[0]):
-        combined([resolve(name, s) for name, s in zip(names, severities, strict=True)])
+        combined([resolve(name, s) for name, s in zip(names, (0.3, 0.7), strict=True)])
 
 
 # The bank of hypotheses
