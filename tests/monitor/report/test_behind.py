@@ -145,3 +145,13 @@ def test_a_real_car_without_its_catalyst_is_found_and_with_it_is_sound(
     got, recording = replayed(log, tmp_path)
     assert got == code
     assert [d["code"] for d in recording["dtcs"]] == ["P0420"] * code
+
+
+def test_a_real_log_of_one_sample_a_second_says_what_is_missing(
+    shared_data: Path, tmp_path: Path
+) -> None:
+    code, recording = replayed(shared_data / "logs" / "golf_torque" / "golf07_2.csv", tmp_path)
+    assert code == 3
+    reasons = {cause["condition"]: cause for cause in recording["not_judged"]}
+    assert reasons["catalyst"]["signal"] == "maf_kg_h"
+    assert reasons["response"]["reason"] == "no_model"
