@@ -5,8 +5,7 @@ ECU protects each message over the low byte of its identifier, then all payload 
 checksum's own, in their order; so a frame under a wrong identifier does not pass.
 """
 
-from collections.abc import Iterable
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +15,14 @@ INITIAL: Final = 0xFF
 FINAL_XOR: Final = 0xFF
 
 
-def _table() -> bytes:
-    entries = bytearray()
-    for byte in range(256):
-        crc = byte
-        for _ in range(8):
-            crc = ((crc << 1) ^ POLYNOMIAL if crc & 0x80 else crc << 1) & 0xFF
-        entries.append(crc)
-    return bytes(entries)
+def _table() -> NDArray[np.uint8]:
+    crc = np.arange(256, dtype=np.uint8)
+    for _ in range(8):
+        crc = np.where(crc & 0x80, crc << 1 ^ POLYNOMIAL, crc << 1).astype(np.uint8)
+    return crc
 
 
 _TABLE: Final = _table()
-_TABLE_ARRAY: Final = np.frombuffer(_TABLE, dtype=np.uint8)
 
 ALGORITHMS: Final = ("crc8_sae_j1850", "crc8_sae_j1850_id")  # the second begins with the id
 
@@ -40,9 +35,12 @@ def payload_checksums(
     algorithm : one of ALGORITHMS
     checksum_byte : place of the checksum in a payload, which does not count
     """
-    starts = np.full(payloads.shape[:-1], _start(algorithm, can_id), dtype=np.uint8)
-    each = np.moveaxis(payloads, -1, 0)
-    return np.asarray(_through(_TABLE_ARRAY, starts, each, checksum_byte), dtype=np.uint8)
+    starts = _TABLE[INITIAL ^ (can_id & 0xFF)] if algorithm == ALGORITHMS[1] else INITIAL
+    crc = np.full(payloads.shape[:-1], starts, dtype=np.uint8)
+    for position, each in enumerate(np.moveaxis(payloads, -1, 0)):
+        if position != checksum_byte:
+            crc = _TABLE[crc ^ each]
+    return np.asarray(crc ^ FINAL_XOR, dtype=np.uint8)
 
 
 def payload_checksum(
@@ -55,16 +53,5 @@ def payload_checksum(
     >>> hex(payload_checksum("crc8_sae_j1850", 0, b"123456789", checksum_byte=9))
     '0x4b'
     """
-    return int(_through(_TABLE, _start(algorithm, can_id), data, checksum_byte))
-
-
-def _start(algorithm: str, can_id: int) -> int:
-    return _TABLE[INITIAL ^ (can_id & 0xFF)] if algorithm == "crc8_sae_j1850_id" else INITIAL
-
-
-def _through(table: Any, crc: Any, payload: Iterable[Any], checksum_byte: int) -> Any:
-    """Return the checksum of bytes: one number each, or one array each for many payloads."""
-    for position, byte in enumerate(payload):
-        if position != checksum_byte:
-            crc = table[crc ^ byte]
-    return crc ^ FINAL_XOR
+    payload = np.frombuffer(data, dtype=np.uint8)
+    return int(payload_checksums(algorithm, can_id, payload, checksum_byte))
