@@ -2,8 +2,10 @@
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
+from io import FileIO
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Final
 from urllib.parse import SplitResult
 
 from monitor.base.errors import UsageError
@@ -23,23 +25,30 @@ class JsonLines:
         if not url.path or url.netloc:
             raise UsageError(f"a path is wanted, as {url.scheme}:FILE, or - for the output")
         self._path, self._tags = url._replace(scheme="").geturl(), tags
-        self._file: TextIO | None = None
+        self._file: FileIO | None = None
         if not _HEAD.startswith(_ends(Path(self._path))[0]):
             raise UsageError("is there already and holds no records; choose another file")
 
     def write(self, records: Sequence[Record]) -> None:
-        """Append the records.
+        """Append the records, all of them or none.
 
         Raises OSError if the file cannot be written.
         """
-        if self._file is None and self._path == STDOUT:  # its own: one that hangs holds up no exit
-            self._file = os.fdopen(os.dup(1), "w", encoding="utf-8")
-        elif self._file is None:
+        lines = "".join(json_of(record, self._tags) + "\n" for record in records).encode()
+        if self._file is None:
             is_torn = _ends(Path(self._path))[1] not in (b"", b"\n")  # by a kill
-            self._file = Path(self._path).open("a", encoding="utf-8")  # noqa: SIM115 - in ``close``
-            self._file.write("\n" * is_torn)
-        self._file.writelines(json_of(record, self._tags) + "\n" for record in records)
-        self._file.flush()
+            # stdout of its own: one that hangs holds up no exit
+            self._file = FileIO(os.dup(1) if self._path == STDOUT else self._path, "a")
+            lines = b"\n" * is_torn + lines
+        number = self._file.fileno()
+        n_before = os.fstat(number).st_size
+        try:
+            while lines:
+                lines = lines[os.write(number, lines) :]
+        except OSError:
+            with suppress(OSError):  # a pipe takes nothing back
+                os.truncate(number, n_before)
+            raise
 
     def close(self) -> None:
         """Close the file."""

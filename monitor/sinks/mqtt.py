@@ -6,7 +6,6 @@
 import os
 import ssl
 import threading
-import time
 from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Any, Final
@@ -49,21 +48,17 @@ class Mqtt:
     def write(self, records: Sequence[Record]) -> None:
         """Publish the records and wait until the broker has confirmed them.
 
-        Raises OSError if there is no connection or no confirmation within ``TIMEOUT_S``.
+        Raises OSError if there is no connection, or nothing is confirmed for ``TIMEOUT_S``.
         """
         client = self._client or self._open()
-        if not client.is_connected():
-            raise OSError("the connection is lost")
-        sent = [
+        for sent in [
             client.publish(f"{self._topic}/{record.kind}", json_of(record, self._tags), qos=QOS)
             for record in records
-        ]
-        until_s = time.monotonic() + TIMEOUT_S
-        for each in sent:
-            if each.rc:
+        ]:
+            if sent.rc:
                 raise OSError("the connection is lost")
-            each.wait_for_publish(max(until_s - time.monotonic(), 0.0))
-            if not each.is_published():
+            sent.wait_for_publish(TIMEOUT_S)
+            if not sent.is_published():
                 raise OSError(f"no confirmation within {TIMEOUT_S:g} s")
 
     def _open(self) -> Any:
@@ -72,9 +67,11 @@ class Mqtt:
 
         answered, refusals = threading.Event(), []
 
-        def on_connect(_client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
+        def on_connect(client: Any, _data: Any, _flags: Any, code: Any, _properties: Any) -> None:
             if code.is_failure:
                 refusals.append(str(code))
+            else:  # also where paho has connected again, behind the last will
+                client.publish(f"{self._topic}/status", "online", qos=QOS, retain=True)
             answered.set()
 
         class Bounded(Client):
@@ -102,7 +99,6 @@ class Mqtt:
             raise OSError(f"no answer to the connection within {TIMEOUT_S:g} s")
         if refusals:
             raise OSError(f"the broker refuses the connection: {refusals[0]}")
-        client.publish(f"{self._topic}/status", "online", qos=QOS, retain=True)
         return client
 
     def close(self) -> None:

@@ -26,23 +26,12 @@ class Outlet:
     """One sink with its queue and its thread.
 
     name : of the sink in messages and counters, without a password
-    queued : most records that wait
-    again_s, flush_s : first wait after an error, wait between two looks into the queue
     """
 
-    def __init__(
-        self,
-        name: str,
-        sink: Sink,
-        *,
-        queued: int = QUEUED,
-        again_s: float = AGAIN_S,
-        flush_s: float = FLUSH_S,
-    ) -> None:
+    def __init__(self, name: str, sink: Sink) -> None:
         self.name, self._sink = name, sink
-        self._again_s, self._flush_s = again_s, flush_s
         self._lock = threading.Lock()  # held for moments, never while the sink writes
-        self._queue: deque[Record] = deque(maxlen=queued)
+        self._queue: deque[Record] = deque(maxlen=QUEUED)
         self._batch: list[Record] = []  # taken from the queue, not written yet
         self._notes: deque[str] = deque(maxlen=10)
         self._ended = threading.Event()
@@ -79,12 +68,10 @@ class Outlet:
         return {"sink": self.name, "state": self.state, **counters}
 
     def _work(self) -> None:
-        wait_s, again_s = self._flush_s, self._again_s
+        wait_s, n_errors = FLUSH_S, 0
         while not self._ended.wait(wait_s):
-            if self._drain():
-                wait_s, again_s = self._flush_s, self._again_s
-            else:
-                wait_s, again_s = again_s, min(2.0 * again_s, AGAIN_MOST_S)
+            n_errors = 0 if self._drain() else n_errors + 1
+            wait_s = min(AGAIN_S * 2 ** (n_errors - 1), AGAIN_MOST_S) if n_errors else FLUSH_S
         self._drain()
         self._quietly(self._sink.close)
 

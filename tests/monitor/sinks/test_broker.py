@@ -138,7 +138,7 @@ def test_a_run_publishes_its_signals_and_survives_the_broker_s_death(
 
 def test_a_broker_that_comes_back_gets_what_waited(tmp_path: Path) -> None:
     port = free_port()
-    outlet = Outlet("mqtt", open_sink(f"mqtt://127.0.0.1:{port}", {}), again_s=0.1, flush_s=0.02)
+    outlet = Outlet("mqtt", open_sink(f"mqtt://127.0.0.1:{port}", {}))
     outlet.put(code(1))
     assert until(lambda: outlet.state == "lost")
     with mosquitto(tmp_path, port):
@@ -149,6 +149,18 @@ def test_a_broker_that_comes_back_gets_what_waited(tmp_path: Path) -> None:
         assert until(lambda: ("o2mon/status", "offline") in subscriber.got)
         subscriber.close()
     assert (outlet.lost, outlet.dropped) == (1, 0)
+
+
+def test_a_connection_that_was_cut_between_two_records_is_online_again(tmp_path: Path) -> None:
+    port = free_port()
+    with mosquitto(tmp_path, port):
+        subscriber, sink = Subscriber(port), Mqtt(urlsplit(f"mqtt://127.0.0.1:{port}"), {})
+        sink.write([code(1)])
+        sink._client.socket().shutdown(socket.SHUT_RDWR)
+        states = ["online", "offline", "online"]
+        assert until(lambda: [x for topic, x in subscriber.got if "status" in topic] == states)
+        sink.close()
+        subscriber.close()
 
 
 def test_a_broker_that_refuses_is_named(tmp_path: Path) -> None:

@@ -1,12 +1,18 @@
 """The queue and the thread between the live loop and a sink."""
 
+import json
+import resource
 import threading
 import time
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 
 import pytest
 
 from monitor.base.foreign import ForeignError
+from monitor.sinks import outlet as outlet_module
+from monitor.sinks.address import open_sink
 from monitor.sinks.outlet import BATCH, Outlet
 from monitor.sinks.record import Record
 from monitor.sinks.written import Written
@@ -32,17 +38,23 @@ class Fake:
         self.closed += 1
 
 
+outlet_of = partial(Outlet, "fake")
+
+
 def record(k: int) -> Record:
     return Record("cycle", k, {"started": True})
 
 
-def outlet_of(sink: Fake, queued: int = 100) -> Outlet:
-    return Outlet("fake", sink, queued=queued, again_s=0.01, flush_s=0.005)
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"QUEUED": 100, "AGAIN_S": 0.01, "FLUSH_S": 0.005}.items():
+        monkeypatch.setattr(outlet_module, name, value)
 
 
-def test_records_arrive_in_their_order() -> None:
+def test_records_arrive_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(outlet_module, "QUEUED", 3 * BATCH)
     sink = Fake()
-    outlet = outlet_of(sink, 3 * BATCH)
+    outlet = outlet_of(sink)
     for k in range(2 * BATCH + 7):
         outlet.put(record(k))
     outlet.close()
@@ -119,3 +131,19 @@ def test_a_replay_closes_every_sink_and_names_the_one_that_fails_at_its_end() ->
     with pytest.raises(ForeignError, match=r"^--sink gone fails: the socket is gone$"):
         Written(sinks, rate_hz=1.0).close()
     assert [sink.closed for _, sink in sinks] == [1, 0, 1]
+
+
+def test_a_full_disk_leaves_no_torn_line_and_none_twice(tmp_path: Path) -> None:
+    # GIVEN a file that may not grow beyond a line and a half
+    file, limit = tmp_path / "car.jsonl", resource.getrlimit(resource.RLIMIT_FSIZE)
+    sink = open_sink(f"jsonl:{file}", {})
+    resource.setrlimit(resource.RLIMIT_FSIZE, (75, limit[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            sink.write([record(1), record(2)])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    # WHEN there is room again THEN each record stands in it once
+    sink.write([record(1), record(2)])
+    sink.close()
+    assert [json.loads(line)["t_ns"] for line in file.read_text().splitlines()] == [1, 2]
