@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
@@ -148,9 +149,11 @@ def _drives(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[
 
 def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[Recording]":
     from monitor.bus.ending import ended_by_signals
-    from monitor.inject.expected import FrameJudge, fresh_memory
+    from monitor.bus.link.recorder import Recorder
+    from monitor.frames.blocks import block_of
     from monitor.inject.gateway import Gateway
     from monitor.inject.injector import Injector
+    from monitor.pipeline.replay import replay
 
     if args.out:
         raise UsageError("--out is for a LOG; o2mon run --record writes what is on a bus")
@@ -174,11 +177,12 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
         setup.bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
     )
     with ExitStack() as stack:
-        memory = stack.enter_context(fresh_memory()) if args.check else None
-        judge = FrameJudge(setup, memory) if memory else None
+        log = Path(stack.enter_context(TemporaryDirectory(prefix="o2mon-")), "bus.log")
+        recorder = stack.enter_context(Recorder(log))
+        taken = (lambda f: recorder.write(block_of([f]))) if args.check else lambda _: None
         here = _side(stack.enter_context(open_bus(args.bus)), args.bus, names[0])
         there = _side(stack.enter_context(open_bus(other)), other, names[1])
-        gateway = Gateway(here, there, injector, judge.push if judge else lambda _: None)
+        gateway = Gateway(here, there, injector, taken)
         with ended_by_signals(gateway.stop):
             say(f"{' to '.join(names)}: {', '.join(map(str, scenario.faults))}")
             try:
@@ -186,7 +190,8 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
             finally:  # report the result even if the bus fails
                 for line in gateway.lines():
                     say(line)
-        return [judge.finish(names[1])] if judge else []
+        recorder.close()
+        return [replay(log, setup)[0]] if args.check else []
 
 
 def _side(bus: "can.BusABC", options: argparse.Namespace, name: str) -> "Side":

@@ -1,19 +1,18 @@
 """The drives of a scenario: a log or table with its faults, written, judged or both."""
 
-from collections import deque
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
 
-from monitor.base.errors import UsageError
 from monitor.base.files.manifest import note
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters, frames_of
 from monitor.grid.tables import Table, is_table
 from monitor.grid.timeline import Timeline
-from monitor.inject.expected import FrameJudge, Recording, fresh_memory
+from monitor.inject.expected import Recording, fresh_memory
 from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
@@ -21,8 +20,9 @@ from monitor.inject.scenario import Scenario
 from monitor.inject.table_faults import with_faults, write_own
 from monitor.memory.codes import CODES
 from monitor.memory.store import Memory
+from monitor.pipeline.names import needed_names
 from monitor.pipeline.recordings import RecordingReader, table_of_model
-from monitor.pipeline.replay import Setup, judged
+from monitor.pipeline.replay import Setup, judged, replay
 
 Place = Callable[[int], Path | None]
 
@@ -71,24 +71,21 @@ def _log_drive(
         seed=scenario.seed_of(drive),
         keep_counters=scenario.keep_counters,
     )
-    judge = FrameJudge(setup, memory) if memory else None
-    names = judge.names if judge else setup.bus_map.names
+    names = needed_names(setup.model.card, (*setup.bus_map.names, *setup.bus_map.optional))
     found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, names))
     blocks = timeline.blocks(log_blocks(log, setup.bus_map, found, renames=False))
     frames = injector.stream(chain.from_iterable(map(frames_of, blocks)))
-    frames = map(judge.push, frames) if judge else frames
-    if (first := next(frames, None)) is None:
-        raise UsageError(f"{log}: no frame is left to judge or write")
-    frames = chain([first], frames)
-    if out:
-        write_log(out, frames, setup.bus_map.log_channel)
-        _note(out, log, scenario.faults_of(drive))
-    deque(frames, maxlen=0)
+    with tempfile.TemporaryDirectory(prefix="o2mon-") as folder:
+        written = out or Path(folder, f"{log.name}.log")
+        write_log(written, frames, setup.bus_map.log_channel)
+        entry = replay(written, setup, memory)[0] if memory else None
     counts = injector.counts
     counts.changed.update(timeline.counters.found | {"error and remote frames": found.skipped})
     for line in (*counts.lines(), *found.notes):
         say(f"{out or log}: {line}")
-    return judge.finish(str(out or log)) if judge else None
+    if out:
+        _note(out, log, scenario.faults_of(drive))
+    return entry and {**entry, "path": str(out or log)}
 
 
 def _table_drive(

@@ -1,8 +1,7 @@
-"""Judges the frames of each drive and compares the codes with a scenario's expectations."""
+"""The codes of each drive beside a scenario's expectations."""
 
 import math
 import tempfile
-from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -10,49 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from monitor.base.files.junit import JunitCase
-from monitor.base.types import Frame, FrameBlock
-from monitor.bus.judging import Judging
-from monitor.decode.block_decoder import BlockDecoder
-from monitor.frames.blocks import block_of
-from monitor.grid.timeline import Timeline
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.judge.causes.causes import Cause
 from monitor.memory.store import Memory
-from monitor.pipeline.replay import Setup
-
-_AT_ONCE = 256  # frames whose times are looked at together
 
 Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
-
-
-class FrameJudge:
-    """The pipeline on the frames of one driving cycle, as in ``o2mon replay``."""
-
-    def __init__(self, setup: Setup, memory: Memory) -> None:
-        self._judging = Judging(setup, memory)
-        self.names = self._judging.pipeline.monitor.names
-        self._timeline = Timeline(BlockDecoder(setup.bus_map, self.names))
-        self._waiting: list[Frame] = []
-
-    def push(self, frame: Frame) -> Frame:
-        """Judge a frame, as soon as those behind it tell whether to believe its time; return it."""
-        self._waiting.append(frame)
-        if len(self._waiting) == _AT_ONCE:
-            self._judge(self._timeline.push(block_of(self._waiting)))
-            self._waiting.clear()
-        return frame
-
-    def _judge(self, blocks: Iterable[FrameBlock]) -> None:
-        for block in blocks:
-            deque(self._judging.push(block), maxlen=0)
-
-    def finish(self, name: str) -> Recording:
-        """End the driving cycle; return the recording's entry of ``o2mon.replay/1``."""
-        self._judge(self._timeline.push(block_of(self._waiting)))
-        self._judge(self._timeline.finish())
-        self._judging.close()
-        counters = self._judging.pipeline.counters | self._timeline.counters.found
-        return self._judging.result(name, counters)
 
 
 @contextmanager

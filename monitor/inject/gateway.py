@@ -10,6 +10,7 @@ from typing import Final
 import can
 
 from monitor.base.counts import counted
+from monitor.base.errors import RecordingError
 from monitor.base.files.outputs import replaced
 from monitor.base.types import Frame
 from monitor.bus.link.clock import BEHIND_S, SILENCE_S
@@ -25,10 +26,10 @@ IDLE_S: Final = 0.1  # longest wait, so that a signal is noticed
 BURST: Final = 200  # most frames from one side before the other side is read
 
 
-def write_log(path: Path, frames: Iterable[Frame], channel: str = "") -> int:
-    """Write frames to a log in the format of its suffix, as ``Recorder``; return their number.
+def write_log(path: Path, frames: Iterable[Frame], channel: str = "") -> None:
+    """Write frames to a log in the format of its suffix, as ``Recorder``.
 
-    Raises RecordingError if the format is unknown or the file cannot be written.
+    Raises RecordingError if the format is unknown, the file cannot be written or no frame comes.
     """
     log_kind(path)  # checks the final name, not that of the temporary file
     n = 0
@@ -36,7 +37,8 @@ def write_log(path: Path, frames: Iterable[Frame], channel: str = "") -> int:
         for block in Channels().blocks_of((frame, "") for frame in frames):
             recorder.write(block)
             n += len(block.key)
-    return n
+        if not n:
+            raise RecordingError(f"{path}: no frame is left to write")
 
 
 @dataclass(slots=True)
