@@ -119,7 +119,7 @@ class Loop:
         tick_end_ns = self.pipeline.assembler.open_ns[1] + self.clock.shift_ns
         block = self._port.receive(wait_s, tick_end_ns)
         now_s = self._now_s()
-        if self._suspension.has_ended(now_s):
+        if self._suspension.has_ended():
             self._make(log_gap(self.clock.slept()))
         if self._is_off and not self._port.is_off:
             self._is_off = False

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from typing import Any, Final
 
 from monitor.base.types import Frame
@@ -81,6 +82,6 @@ class SinkFeed(Attachment):
 
 def health_record(health: BusHealth) -> Record:
     """Return the bus's counters and state; names in one text, unknown counters left out."""
-    fields = {name: value for name, value in health.as_dict().items() if value is not None}
+    fields = {name: value for name, value in asdict(health).items() if value is not None}
     flat = {k: " ".join(v) if isinstance(v, tuple) else v for k, v in fields.items()}
     return Record("health", time.time_ns(), flat)

@@ -18,14 +18,6 @@ from monitor.pipeline.monitor import SensorMonitor
 STATUS_PERIOD_NS: Final = 100_000_000
 CHECKSUM_BYTE: Final = 7
 _LETTERS: Final = "PCBU"
-MONITOR_STATES: Final = {
-    "no signals": 0,
-    "not enabled": 1,
-    "monitoring": 2,
-    "passed": 3,
-    "failed": 4,
-}
-VERDICTS: Final = {"passed": 0, "failed": 1, "inconclusive": 2}
 
 
 def dtc_number(code: str) -> int:
@@ -66,7 +58,7 @@ class Transmitter(Attachment):
         """Return whether a status is due, or the clock has stepped back."""
         return not self._next_ns - STATUS_PERIOD_NS <= t_ns < self._next_ns
 
-    def _state(self, tick: Tick) -> dict[str, float]:
+    def _state(self, tick: Tick) -> dict[str, float | str]:
         active = self._monitor.store.active
         first = active[0] if active else None
         return {
@@ -79,34 +71,33 @@ class Transmitter(Attachment):
             "DtcStatus": int(first.status) if first else 0,
         }
 
-    def _monitor_state(self, tick: Tick) -> int:
+    def _monitor_state(self, tick: Tick) -> str:
         if self._monitor.store.fault_flag:
-            return MONITOR_STATES["failed"]
+            return "failed"
         if self._monitor.decisions.completed:
-            return MONITOR_STATES["passed"]
+            return "passed"
         if math.isnan(tick.predicted):
-            return MONITOR_STATES["no signals"]
-        return MONITOR_STATES["monitoring" if tick.enabled else "not enabled"]
+            return "no signals"
+        return "monitoring" if tick.enabled else "not enabled"
 
-    def _frame(self, message: Message, t_ns: int, values: dict[str, float]) -> Frame:
+    def _frame(self, message: Message, t_ns: int, values: dict[str, float | str]) -> Frame:
         counter = self._counters[message.name]
         self._counters[message.name] = (counter + 1) % 16
-        fields = {s.name: 0.0 for s in message.signals} | values
-        for signal in message.signals:  # a value beyond the range is sent as its limit
-            low = signal.minimum if signal.minimum is not None else -1e9
-            high = signal.maximum if signal.maximum is not None else 1e9
-            fields[signal.name] = min(max(fields[signal.name], low), high)
-        payload = bytearray(message.encode(fields | {"AliveCounter": counter}, strict=False))
+        fields = values | {"AliveCounter": counter, "Checksum": 0}
+        for signal in message.signals:  # a number beyond the range is sent as its limit
+            if not isinstance(value := fields[signal.name], str):
+                fields[signal.name] = min(max(value, signal.minimum or 0), signal.maximum or 0)
+        payload = bytearray(message.encode(fields, strict=False))
         payload[CHECKSUM_BYTE] = payload_checksum(
             "crc8_sae_j1850_id", message.frame_id, bytes(payload), CHECKSUM_BYTE
         )
         return Frame(t_ns, message.frame_id, message.is_extended_frame, bytes(payload))
 
 
-def _fields(event: WindowJudged) -> dict[str, float]:
+def _fields(event: WindowJudged) -> dict[str, float | str]:
     return {
         "WindowIndex": event.window.index % 65536,
         "ResidualMean": event.mean,
         "ResidualStd": event.std,
-        "Verdict": VERDICTS[event.outcome],
+        "Verdict": event.outcome,
     }

@@ -135,28 +135,20 @@ def obd_poller(
     from monitor.bus.polling.pids import lengths, wanted
     from monitor.bus.polling.poller import ADDRESSES, ObdPoller
 
-    parameters = wanted(bus_map, _asked_names(args, bus_map))
     only = args.obd_request
+    names = (*bus_map.names, *bus_map.optional) if args.obd_optional else bus_map.names
     return ObdPoller(
-        parameters,
-        lengths(bus_map, parameters),
+        wanted(bus_map, names),
+        lengths(bus_map),
         addresses=ADDRESSES if only is None else (EcuAddress.of(only),),
         rate_hz=args.obd_rate,
         say=tell,
     )
 
 
-def _asked_names(args: ObdOptions, bus_map: "BusMap") -> tuple[str, ...]:
-    return (*bus_map.names, *bus_map.optional) if args.obd_optional else bus_map.names
-
-
-def tell_if_too_slow(args: ObdOptions, setup: "Setup", tell: Callable[[str], None]) -> None:
+def tell_if_too_slow(poller: "ObdPoller", setup: "Setup", tell: Callable[[str], None]) -> None:
     """Tell the user if polling brings signals less often than the model samples them."""
-    from monitor.bus.polling.pids import interval_s, wanted
-
-    asked = wanted(setup.bus_map, _asked_names(args, setup.bus_map))
-    served_s = interval_s(asked, args.obd_rate)
-    period_s = setup.model.card.period_ns / 1e9
+    served_s, period_s = poller.interval_s, setup.model.card.period_ns / 1e9
     if served_s > 0.75 * period_s:
         tell(
             f"{setup.model.path.name} samples every {period_s:g} s, polling brings a signal about "

@@ -4,7 +4,7 @@ import gc
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,8 +96,9 @@ def run(args: RunOptions) -> int:
         )
         loop.attachments.extend(_views(args, loop, out))
         if args.obd:
-            tell_if_too_slow(args, setup, out.say)
-            loop.attachments.append(obd_poller(args, setup.bus_map, out.say))
+            poller = obd_poller(args, setup.bus_map, out.say)
+            tell_if_too_slow(poller, setup, out.say)
+            loop.attachments.append(poller)
         if args.transmit:
             loop.attachments.append(Transmitter(loop.pipeline.monitor))
         loop.attachments.extend(diagnostics(args, setup, loop, out.say))
@@ -153,7 +154,7 @@ def _live_feed(
         server,
         loop.pipeline.monitor,
         setup,
-        health=lambda: loop.health.as_dict() | loop.pipeline.counters | loop.clock.counters.found,
+        health=lambda: asdict(loop.health) | loop.pipeline.counters | loop.clock.counters.found,
         channel=channel,
         say=say,
     )

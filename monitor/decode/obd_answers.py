@@ -13,13 +13,13 @@ from monitor.frames.blocks import block_of, inserted
 
 ANSWER: Final = 0x7E8
 POSITIVE: Final = 0x41  # answer to service 01
-_BYTES: Final = {  # of each PID
+N_BYTES: Final = {  # of the data of each PID of service 01
     pid: int(n)
     for pid, n in enumerate(
         "4422111111112111211122222222111242224444444411111221444444442222"
         "4422211111111224411222222211122141125253"
     )
-}
+} | {0x80: 4, 0xA0: 4, 0xC0: 4}
 
 
 def answer_of(t_ns: int, pid: int, data: bytes) -> Frame:
@@ -40,7 +40,7 @@ def with_all_parameters(blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
         shown = set(zip(block.t_ns[rows].tolist(), data, strict=True))
         for row, each in zip(rows.tolist(), data, strict=True):
             answer = reassembly.push(each) or b""
-            values = values_of(answer, _BYTES, _BYTES) if answer[:1] == bytes([POSITIVE]) else []
+            values = values_of(answer, N_BYTES, N_BYTES) if answer[:1] == bytes([POSITIVE]) else []
             if len(answer) != 1 + sum(1 + len(value) for _, value in values):
                 continue
             for pid, value in values[each[0] < 8 :]:  # a single frame shows its first

@@ -21,7 +21,6 @@ class Side(Connection):
     def __init__(self, bus: can.BusABC, *others: Any, **named: Any) -> None:
         super().__init__(bus, *others, **named)
         self.datagrams = Datagrams()
-        self._use(bus)
 
     def _use(self, bus: can.BusABC) -> None:
         self._is_socketcan = _set_up(bus)
@@ -33,12 +32,8 @@ class Side(Connection):
         Raises BusError if the interface fails and cannot be opened again.
         """
         try:
-            bus = self.bus
-            if bus is None:
-                bus = self.try_again()
-                if bus is None:
-                    return None
-                self._use(bus)
+            if (bus := self.bus or self.try_again()) is None:
+                return None
             while (message := bus.recv(0.0)) and self._is_own(message):
                 pass
         except Exception as error:  # python-can's interfaces raise any, on any datagram

@@ -5,7 +5,7 @@ A cause hides its consequences: on a bus without frames no missing message is re
 
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final, NamedTuple
@@ -141,7 +141,7 @@ def of_bus(
     n, errors = len(block.key), health.error_frames
     is_real = interface is not None and interface.kind == "can"
     repeats = bool(health.unacknowledged or _is_endless(block))
-    facts = health.as_dict() | {
+    facts = asdict(health) | {
         "rate": "try the usual bit rates with --scan" if is_real else "try another bit rate",
         "drops": health.drops or 0,
         "errors": counted(errors, "error frame"),

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from monitor.bus.diagnostics.parameters import bitmap, encoded, unsigned
+from monitor.bus.diagnostics.parameters import bitmaps, encoded, unsigned
 from monitor.bus.diagnostics.results import monitors, test_results
 from monitor.bus.diagnostics.state import RefusedError, State
 from monitor.bus.transmit import dtc_number
@@ -41,7 +41,7 @@ def _current(request: bytes, state: State) -> bytes:
         0x4D: unsigned(counts.engine_run_with_mil_s / 60.0, 2),
         0x4E: unsigned(counts.engine_run_since_clear_s / 60.0, 2),
     }
-    return _listed(request, _with_bitmaps(data))
+    return _listed(request, bitmaps(data) | data)
 
 
 def readiness(state: State) -> bytes:
@@ -72,7 +72,8 @@ def _freeze_frame(request: bytes, state: State) -> bytes:
         raise RefusedError(NOT_SUPPORTED)
     frame = next(iter(state.store.freeze_frames.values()), None)
     code = dtc_number(frame.code) if frame else 0
-    data = _with_bitmaps({0x02: unsigned(code, 2)} | encoded(frame.values if frame else {}))
+    data = {0x02: unsigned(code, 2)} | encoded(frame.values if frame else {})
+    data |= bitmaps(data)
     items = [
         bytes((pid, number)) + data[pid]
         for pid, number in zip(pairs[::2], pairs[1::2], strict=True)
@@ -109,8 +110,7 @@ def _test_results(request: bytes, state: State) -> bytes:
     known = monitors(supported_tests(state))
     if len(numbers) == 1 and numbers[0] in known:
         return _positive(request, test_results(numbers[0], state.store.results))
-    maps = {base: bitmap(known, base) for base in range(0x00, 0x100, 0x20)}
-    return _listed(request, {base: bits for base, bits in maps.items() if bits is not None})
+    return _listed(request, bitmaps(known))
 
 
 def _vehicle_information(request: bytes, state: State) -> bytes:
@@ -120,7 +120,7 @@ def _vehicle_information(request: bytes, state: State) -> bytes:
     data[0x08] = bytes((len(known[0x08]) // 2,)) + known[0x08]
     if len(request) == 2 and request[1] in data:
         return _positive(request, [request[1:] + data[request[1]]])
-    return _listed(request, {0x00: bitmap(data, 0x00) or b""})
+    return _listed(request, bitmaps(data))
 
 
 def information(state: State) -> dict[int, bytes]:
@@ -159,11 +159,6 @@ def lowest_ratio(ratios: Iterable[Ratio]) -> Ratio:
         key=lambda r: (r.numerator / r.denominator if r.denominator else 1.0, -r.denominator),
         default=Ratio("", 0, 0),
     )
-
-
-def _with_bitmaps(data: Mapping[int, bytes]) -> dict[int, bytes]:
-    maps = {base: bitmap(data, base) for base in range(0x00, 0x100, 0x20)}
-    return {base: bits for base, bits in maps.items() if bits is not None} | dict(data)
 
 
 def _listed(request: bytes, data: Mapping[int, bytes]) -> bytes:

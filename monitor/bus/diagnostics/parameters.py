@@ -64,15 +64,17 @@ def encoded(values: Mapping[str, float]) -> dict[int, bytes]:
     }
 
 
-def bitmap(supported: Collection[int], base: int) -> bytes | None:
-    """Return four bytes that mark the supported numbers among the 32 after ``base``.
+def bitmaps(supported: Collection[int]) -> dict[int, bytes]:
+    """Return, by the number before them, four bytes that mark the supported ones among 32 numbers.
 
-    The last bit marks that a higher number is supported. None if no number above ``base`` is.
+    The last bit marks that a higher number is supported; behind the highest there is no more.
 
-    >>> bitmap({0x01, 0x1C, 0x41}, 0x00).hex(), bitmap({0x01}, 0x20)
-    ('80000011', None)
+    >>> bitmaps({0x01, 0x1C, 0x21})[0x00].hex(), bitmaps({0x01}).keys()
+    ('80000011', dict_keys([0]))
     """
-    if base % 0x20 or (base and max(supported, default=0) <= base):
-        return None
-    bits = sum(1 << base + 32 - number for number in supported if base < number <= base + 32)
-    return (bits | any(number > base + 32 for number in supported)).to_bytes(4, "big")
+    highest = max(supported, default=0)
+    bits = {
+        base: sum(1 << base + 32 - n for n in supported if base < n <= base + 32)
+        for base in range(0, highest or 1, 32)
+    }
+    return {b: (each | (highest > b + 32)).to_bytes(4, "big") for b, each in bits.items()}

@@ -16,7 +16,7 @@ STEADY_S: Final = 10.0  # a bus that is back for this time is sound: the waits s
 
 
 class Connection:
-    """Keeps a bus and opens it again; its user reports failures with ``lose``.
+    """Keeps a bus and opens it again; a port or a gateway's side, which report its failures.
 
     bus : None while the bus is lost
     is_lost : True from a loss until the first read without an error
@@ -41,6 +41,10 @@ class Connection:
         self._next_try_s = self._lost_s = 0.0
         self._back_s = -math.inf
         self._back_off_s = FIRST_TRY_S
+        self._use(bus)
+
+    def _use(self, bus: can.BusABC) -> None:
+        """Prepare a bus that was opened."""
 
     def lose(self, error: Exception) -> None:
         """Shut down a failed bus; raises BusError if there is no ``reopen``."""
@@ -71,6 +75,7 @@ class Connection:
         try:
             assert self._reopen is not None
             self.bus = self._reopen()
+            self._use(self.bus)
         except (BusError, can.CanError, OSError) as error:
             self.lose(error)
         return self.bus

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import can
@@ -57,12 +57,8 @@ class BusHealth:
     receive_buffer_bytes: int = 0  # of the SocketCAN socket, 0 if unknown
     timestamps: Literal["kernel", "interface"] = "interface"
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the counters by name."""
-        return asdict(self)
 
-
-class Port:
+class Port(Connection):
     """One bus, used by one thread.
 
     health : updated by the port
@@ -79,16 +75,13 @@ class Port:
         monotonic_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._health, self._say = health, say
-        self._now_s, self._sleep = monotonic_s, sleep
-        self._connection = Connection(bus, reopen, say, monotonic_s)
+        self._health, self._sleep = health, sleep
         self._filters: list[Any] | None = None
         self._quiet_until_s = -math.inf
         self._drops_before: int | None = 0  # frames dropped on earlier sockets, None if unknown
-        self._use(bus)
+        super().__init__(bus, reopen, say, monotonic_s)
 
     def _use(self, bus: can.BusABC) -> None:
-        self._bus: can.BusABC | None = bus
         reader = SocketReader.of(bus)
         self._reader = reader or MessageReader(bus, self._now_s)
         self._is_socketcan = bool(reader) or bus.channel_info.startswith("socketcan")
@@ -118,8 +111,8 @@ class Port:
         self._filters += [
             {"can_id": group, "can_mask": mask, "extended": True} for group, mask in sorted(groups)
         ]
-        if self._bus:
-            self._bus.set_filters(self._filters)
+        if self.bus:
+            self.bus.set_filters(self._filters)
 
     def receive(self, wait_s: float, tick_end_ns: int = LATEST_NS) -> FrameBlock:
         """Return the frames that come within ``wait_s``, as one block, empty if none does.
@@ -127,13 +120,16 @@ class Port:
         tick_end_ns : bus time before which no frame is urgent, so that they may gather
         Raises BusError if the interface fails and cannot be opened again.
         """
-        if self._bus is None:
-            self._try_again(wait_s)
+        if self.bus is None:
+            if self.wait_s > 0.0:
+                self._sleep(min(self.wait_s, wait_s))
+            else:
+                self.try_again()
             return NOTHING.block
         try:
             received = self._reader.receive(wait_s, tick_end_ns)
         except Exception as error:  # python-can's interfaces raise any
-            self._lose(error)
+            self.lose(error)
             return NOTHING.block
         return self._take(received)
 
@@ -164,8 +160,8 @@ class Port:
         """Note a read without an error, of so many frames."""
         health = self._health
         if health.state in OFF:
-            self._connection.received()
-            health.reconnects = self._connection.reconnects
+            self.received()
+            health.reconnects = self.reconnects
             if health.state == "gone" or n:
                 health.state = "active"
 
@@ -191,37 +187,19 @@ class Port:
             kind = f"{'error ' * (meaning.state == 'passive')}{meaning.state}"
             self._say(f"bus: the controller is {kind}")
 
-    def _lose(self, error: Exception) -> None:
+    def lose(self, error: Exception) -> None:
         """Give up a failed bus and schedule its opening."""
         self._drops_before = self._health.drops
-        self._bus = None
-        self._connection.lose(error)
-        self._health.losses = self._connection.losses
         self._health.state = "gone"
-
-    def _try_again(self, timeout_s: float) -> None:
-        """Open the lost bus if an attempt is due, otherwise wait."""
-        if (wait_s := self._connection.wait_s) > 0.0:
-            self._sleep(min(wait_s, timeout_s))
-            return
-        bus = self._connection.try_again()
-        if bus is None:
-            return
-        try:
-            self._use(bus)
-        except (can.CanError, OSError) as error:
-            self._lose(error)
+        super().lose(error)
+        self._health.losses = self.losses
 
     def send(self, frame: Frame) -> None:
         """Send a frame; count it as a transmit error if that fails."""
         try:
-            if self._bus is None:
+            if self.bus is None:
                 raise can.CanOperationError("the bus is lost")
             # without a time, which is that of a sample: some interfaces pass it on, or refuse it
-            self._bus.send(message_of(frame._replace(t_ns=0)), timeout=0)
+            self.bus.send(message_of(frame._replace(t_ns=0)), timeout=0)
         except Exception:  # python-can's interfaces raise any
             self._health.transmit_errors += 1
-
-    def close(self) -> None:
-        """Shut down a bus that was opened again; the caller owns the first bus."""
-        self._connection.close()

@@ -1,10 +1,10 @@
 """The OBD-II parameters (PIDs) that carry the signals of a signal map.
 
 They follow from the CAN database: its message 0x7E8 holds the engine's answers, and its signals are
-multiplexed by ``Pid``. Every byte of a PID belongs to a signal, so the lengths follow, too.
+multiplexed by ``Pid``.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,14 +12,14 @@ from cantools.database.can import Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import BusChannel, BusMap
-from monitor.decode.obd_answers import ANSWER
+from monitor.decode.obd_answers import ANSWER, N_BYTES
 from monitor.decode.raw_values import last_byte
 
 HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
 MOST_PIDS: Final = 6  # per request, SAE J1979
-BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)  # PIDs that tell which of the
-BITMAP_BYTES: Final = 4  # next 32 PIDs are supported, SAE J1979
+# PIDs that tell which of the next 32 PIDs are supported, SAE J1979
+BITMAPS: Final = (0x00, 0x20, 0x40, 0x60, 0x80, 0xA0, 0xC0)
 RANGE_TIMEOUT_S: Final = 600.0  # a range is a constant of the ECU; asked for first and seldom
 
 
@@ -64,27 +64,17 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
     return (*ranges.values(), *signals)
 
 
-def lengths(bus_map: BusMap, parameters: Iterable[ObdParameter]) -> Mapping[int, int]:
-    """Return the number of data bytes of each PID, bitmaps included."""
-    n_bytes = dict.fromkeys(BITMAPS, BITMAP_BYTES)
-    asked = {pid for parameter in parameters for pid in parameter.pids}
+def lengths(bus_map: BusMap) -> Mapping[int, int]:
+    """Return the number of data bytes of each PID: the standard's, of another PID the database's.
+
+    Every byte of such a PID belongs to a signal.
+    """
+    n_bytes = dict[int, int]()
     for message in {id(c.message): c.message for c in bus_map.channels.values()}.values():
         for signal in message.signals:
-            for pid in asked.intersection(_pids(message, signal)):
-                last = last_byte(message, signal) + 1 - HEADER_BYTES
-                n_bytes[pid] = max(n_bytes.get(pid, 0), last)
-    return n_bytes
-
-
-def interval_s(parameters: Sequence[ObdParameter], rate_hz: float) -> float:
-    """Return the approximate interval in s at which polling brings the fastest signals.
-
-    rate_hz : requests per second, each with ``MOST_PIDS`` PIDs
-    A PID is polled in inverse proportion to its timeout.
-    """
-    fastest_s = min(parameter.timeout_s for parameter in parameters)
-    shares = sum(fastest_s / parameter.timeout_s for parameter in parameters)
-    return shares / (MOST_PIDS * rate_hz)
+            last = last_byte(message, signal) + 1 - HEADER_BYTES
+            n_bytes |= {pid: max(n_bytes.get(pid, 0), last) for pid in _pids(message, signal)}
+    return n_bytes | N_BYTES
 
 
 def _pids(message: Message, signal: Signal) -> tuple[int, ...]:

@@ -23,7 +23,7 @@ from monitor.bus.polling.answer import (
     EcuAddress,
     request_of,
 )
-from monitor.bus.polling.pids import ObdParameter
+from monitor.bus.polling.pids import MOST_PIDS, ObdParameter
 from monitor.bus.polling.schedule import Schedule
 from monitor.decode.obd_answers import ANSWER, POSITIVE, Reassembly, answer_of, values_of
 
@@ -91,6 +91,16 @@ class ObdPoller(Attachment):
     def due_s(self) -> float:
         """Return the time of the next request, or of the timeout of the open one."""
         return self._deadline_s if self._asked else self._next_s
+
+    @property
+    def interval_s(self) -> float:
+        """Return the approximate interval in s at which polling brings the fastest signals.
+
+        A PID is polled in inverse proportion to its timeout.
+        """
+        timeouts_s = [parameter.timeout_s for parameter in self.schedule.parameters]
+        shares = sum(min(timeouts_s) / timeout_s for timeout_s in timeouts_s)
+        return shares * self._pause_s / MOST_PIDS
 
     def close(self) -> None:
         """Say the counts."""

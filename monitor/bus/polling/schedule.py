@@ -24,7 +24,7 @@ class Schedule:
     def __init__(
         self, parameters: Sequence[ObdParameter], say: Callable[[str], None] = lambda _: None
     ) -> None:
-        self._parameters, self._say = tuple(parameters), say
+        self.parameters, self._say = tuple(parameters), say
         self._highest = max(pid for parameter in parameters for pid in parameter.pids)
         self.begin()
 
@@ -105,7 +105,7 @@ class Schedule:
         """Choose the PIDs to poll, after the last bitmap."""
         self.bitmap = None
         lacks = []
-        for parameter in self._parameters:
+        for parameter in self.parameters:
             pid = next((pid for pid in parameter.pids if pid in self._supported), None)
             if pid is None and parameter.names:
                 pids = "/".join(map(_shown, parameter.pids))

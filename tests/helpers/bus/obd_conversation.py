@@ -12,7 +12,7 @@ from tests.helpers.logs.bus_maps import OBD
 from tests.helpers.logs.decoding import Decoding
 
 PARAMETERS = wanted(OBD, OBD.names)
-LENGTHS = lengths(OBD, PARAMETERS)
+LENGTHS = lengths(OBD)
 
 
 class Conversation:

@@ -17,7 +17,7 @@ from monitor.judge.bias import Outcome
 from monitor.memory.codes import CODES
 from monitor.memory.dtc import Status
 from monitor.memory.dtc_store import DtcStore
-from monitor.pipeline.events import DtcChanged, Event, Tick
+from monitor.pipeline.events import Event, Tick
 from monitor.pipeline.monitor import SensorMonitor
 from tests.helpers.models.windows import judged_window
 
@@ -174,11 +174,6 @@ def test_the_status_goes_out_every_100_ms_whatever_the_grid() -> None:
     transmitter = Stand().transmitter()
     times = [f.t_ns for t in range(0, 1000, 10) for f in sent(transmitter, tick(t * 1_000_000))]
     assert times == [t * TICK_NS for t in range(10)]
-
-
-def test_a_changed_code_alone_sends_nothing() -> None:
-    dtc = DtcStore().fail("gain_low", 1)[0]
-    assert sent(Stand().transmitter(), DtcChanged(1, dtc)) == []
 
 
 def test_the_status_goes_on_after_the_clock_has_stepped_back() -> None:

@@ -8,10 +8,9 @@ import pytest
 import dbc
 from monitor.base import config
 from monitor.base.types import Frame
-from monitor.bus.polling.pids import interval_s
 from monitor.cli import main
 from monitor.pipeline import replay
-from tests.helpers.bus.obd_conversation import PARAMETERS, Conversation
+from tests.helpers.bus.obd_conversation import Conversation
 from tests.helpers.bus.obd_ecu import answering, steady_ecu
 from tests.helpers.bus.played_bus import judged, run_on
 
@@ -73,7 +72,8 @@ def test_running_with_a_model_of_a_fast_grid_says_so(capsys: pytest.CaptureFixtu
 
 
 def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
-    assert interval_s(PARAMETERS, 12.0) == pytest.approx(0.18, abs=0.03)
     talk = Conversation(steady_ecu()).run(20.0)
-    measured_s = 20 / len(talk.values["lambda_measured"])
-    assert interval_s(PARAMETERS, 12.0) == pytest.approx(measured_s, rel=0.3)
+    assert talk.poller.interval_s == pytest.approx(0.18, abs=0.03)
+    assert talk.poller.interval_s == pytest.approx(
+        20 / len(talk.values["lambda_measured"]), rel=0.3
+    )

@@ -12,7 +12,7 @@ from monitor.base.command_line import signature
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
 from monitor.bus.polling.answer import EcuAddress
-from monitor.bus.polling.pids import BITMAPS, wanted
+from monitor.bus.polling.pids import BITMAPS, lengths, wanted
 from monitor.bus.polling.poller import ObdPoller
 from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
@@ -34,13 +34,18 @@ def assert_as_the_ecu_has_it(talk: Conversation) -> None:
         assert values == pytest.approx([known[name]] * len(values), rel=1e-9), name
 
 
-def test_the_lengths_of_all_parameters_follow_from_the_database() -> None:
-    asked = {pid for each in PARAMETERS for pid in each.pids}
-    assert len(asked) > 16
-    for pid in asked & J1979.keys():
-        assert LENGTHS[pid] == J1979[pid][0], f"{pid:02X}"
-    ranges_and_rail = {pid: LENGTHS[pid] for pid in asked - J1979.keys()}
-    assert ranges_and_rail == {0x4F: 4, 0x50: 4, 0x59: 2}
+def test_the_lengths_of_all_parameters_are_the_standard_s() -> None:
+    for pid, (n_bytes, _) in J1979.items():
+        assert LENGTHS[pid] == n_bytes, f"{pid:02X}"
+
+
+def test_a_database_that_holds_a_part_of_a_parameter_costs_none_of_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # GIVEN a database without the current behind the lambda of PID 34
+    message = OBD.channels["lambda_measured"].message
+    monkeypatch.setattr(message, "_signals", [s for s in message.signals if s.start != 47])
+    assert lengths(OBD) == LENGTHS
 
 
 def test_every_mapped_value_arrives_as_the_ecu_has_it_six_parameters_in_one_request() -> None:
@@ -81,11 +86,11 @@ def test_the_sensor_behind_the_catalyst_is_asked_for_on_demand() -> None:
     parser = argparse.ArgumentParser()
     signature.add_options(parser, options.ObdOptions)
 
-    def lengths(*words: str) -> set[int]:
+    def asked(*words: str) -> set[int]:
         poller = options.obd_poller(parser.parse_args(["--obd", *words]), OBD)
-        return set(poller._lengths)
+        return {pid for each in poller.schedule.parameters for pid in each.pids}
 
-    assert lengths("--obd-optional") - lengths() == {0x15, 0x25, 0x35, 0x3C, 0x3E}
+    assert asked("--obd-optional") - asked() == {0x15, 0x25, 0x35, 0x3C, 0x3E}
 
 
 @pytest.mark.parametrize(
