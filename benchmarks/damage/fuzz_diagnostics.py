@@ -182,8 +182,6 @@ def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: 
                 run.kinds[
                     ("single", "first", "consecutive", "flow control")[frame.data[0] >> 4]
                 ] += 1
-    run.kinds["ignored"] = run.vehicle.state.ignored_frames
-    run.kinds["failed transfers"] = run.vehicle.state.failed_transfers
     return run.end(count)
 
 

@@ -96,47 +96,43 @@ class Gateway:
 
     def step(self) -> bool:
         """Pass the received and due frames; return whether more may be waiting."""
-        busy = self._from_ecu()
-        busy = self._to_ecu() or busy
+        busy = [self._from(self._ecu, self._pass), self._from(self._other, self._pass_back)]
         self._due()
-        return busy
+        return any(busy)
 
     def close(self) -> None:
         """Shut down buses that were opened again; the caller owns the first ones."""
         self._ecu.close()
         self._other.close()
 
-    def _from_ecu(self) -> bool:
+    def _from(self, side: Side, take: Callable[[can.Message], None]) -> bool:
+        """Take what a side has received; return whether more may be waiting."""
         for _ in range(BURST):
-            message = self._ecu.receive()
+            message = side.receive()
             if message is None:
                 return False
             if message.is_error_frame:
                 self.passed.error_frames += 1
-            elif message.is_remote_frame:
-                self._send(self._other, message)
             else:
-                frame = frame_of(message)
-                if not message.timestamp:  # the interface gives no time
-                    frame = frame._replace(t_ns=time.time_ns() // 1000 * 1000)
-                if self._heard is None:
-                    self._last_ns = frame.t_ns
-                self._heard = (frame.t_ns, self._now_s())
-                self.passed.flags[message.arbitration_id, message.is_extended_id] = message
-                for out in self._injector.push(frame):
-                    self._give(out)
+                take(message)
         return True
 
-    def _to_ecu(self) -> bool:
-        for _ in range(BURST):
-            message = self._other.receive()
-            if message is None:
-                return False
-            if message.is_error_frame:
-                self.passed.error_frames += 1
-            else:
-                self.passed.to_ecu += self._send(self._ecu, message)
-        return True
+    def _pass(self, message: can.Message) -> None:
+        if message.is_remote_frame:
+            self._send(self._other, message)
+            return
+        frame = frame_of(message)
+        if not message.timestamp:  # the interface gives no time
+            frame = frame._replace(t_ns=time.time_ns() // 1000 * 1000)
+        if self._heard is None:
+            self._last_ns = frame.t_ns
+        self._heard = (frame.t_ns, self._now_s())
+        self.passed.flags[message.arbitration_id, message.is_extended_id] = message
+        for out in self._injector.push(frame):
+            self._give(out)
+
+    def _pass_back(self, message: can.Message) -> None:
+        self.passed.to_ecu += self._send(self._ecu, message)
 
     def _due(self) -> None:
         """Send the frames that are due while the ECU is silent.

@@ -17,7 +17,7 @@ SINGLE, FLOW_CONTROL = 0x0, 0x3  # first four bits of a frame
 LONGEST_SEPARATION: Final = 0x7F  # 127 ms; reserved values mean the same
 
 _LOG: Final = "monitor.bus.diagnostics.isotp"
-logging.getLogger(_LOG).setLevel(logging.CRITICAL + 1)  # failures are counted, not logged
+logging.getLogger(_LOG).setLevel(logging.CRITICAL + 1)  # a transfer that fails is let go
 
 
 def single_frame(data: bytes) -> bytes | None:
@@ -40,12 +40,10 @@ class Transport:
         self._request_id, self._is_extended = request_id, is_extended
         self._received: deque[isotp.CanMessage] = deque()
         self._sent: list[bytes] = []
-        self.failed = 0
         self._layer = isotp.TransportLayerLogic(
             rxfn=self._next,
             txfn=lambda message: self._sent.append(bytes(message.data)),
             address=isotp.Address(mode, rxid=request_id, txid=response_id),
-            error_handler=self._fail,
             params={
                 "max_frame_size": LONGEST_REQUEST,
                 "blocksize": 0,
@@ -59,10 +57,6 @@ class Transport:
     def _next(self, timeout_s: float) -> isotp.CanMessage | None:
         del timeout_s
         return self._received.popleft() if self._received else None
-
-    def _fail(self, error: Exception) -> None:
-        del error
-        self.failed += 1
 
     @property
     def is_sending(self) -> bool:

@@ -131,10 +131,9 @@ class Diagnostics(Attachment):
         address = self._address
         return [(i, address.is_extended) for i in (address.functional_id, address.request_id)]
 
-    def receive(self, frame: Frame) -> Iterable[Frame]:
+    def receive(self, frame: Frame) -> None:
         """Keep a tester's frame for ``work``."""
         self._received.append(frame)
-        return ()
 
     def push(self, event: Event) -> None:
         """Take an event of the pipeline."""
@@ -148,7 +147,6 @@ class Diagnostics(Attachment):
         while self._received:
             self._take(self._received.popleft(), now_s)
         sent = self._transport.frames()
-        self.state.failed_transfers = self._transport.failed
         self.due_s = now_s + (0.0 if self._pending else self._transport.wait_s)
         address = self._address
         return [Frame(0, address.response_id, address.is_extended, data) for data in sent]
@@ -156,15 +154,11 @@ class Diagnostics(Attachment):
     def _take(self, frame: Frame, now_s: float) -> None:
         is_awaited = self._transport.is_waiting and frame.data[:1] == CONTINUE
         if len(frame.data) > LONGEST_FRAME or not (is_awaited or self._allowance.take(now_s)):
-            self.state.ignored_frames += 1
             return
         is_functional = frame.can_id == self._address.functional_id
         receive = single_frame if is_functional else self._transport.receive
         request = receive(frame.data)
-        if request is None:
-            return
-        if self._pending or self._transport.is_sending:  # one answer at a time
-            self.state.ignored_frames += 1
+        if request is None or self._pending or self._transport.is_sending:  # one answer at a time
             return
         if now_s >= self._session_ends_s:
             self.state.session = DEFAULT_SESSION

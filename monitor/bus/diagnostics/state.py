@@ -63,8 +63,6 @@ class State:
     clear_while_running: bool = False
     session: int = DEFAULT_SESSION
     tick: Tick | None = None
-    ignored_frames: int = 0  # frames over the accepted rate, or without a request
-    failed_transfers: int = 0  # transfers of several frames that failed
 
     def push(self, event: Event) -> None:
         """Keep the latest sample."""
