@@ -23,9 +23,8 @@ class Attachment:
         """Return the monotonic time in s of the next call of ``work``, inf for none."""
         return math.inf
 
-    def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Take a frame under one of its identifiers; return frames for the pipeline."""
-        return ()
+    def receive(self, frame: Frame) -> None:
+        """Take a frame under one of its identifiers."""
 
     def push(self, event: Event) -> None:
         """Take an event of the pipeline; its change of the fault memory is already stored."""

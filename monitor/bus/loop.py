@@ -24,7 +24,7 @@ from monitor.bus.link.clock import Clock
 from monitor.bus.link.port import ANSWER_S, BusHealth, Port
 from monitor.bus.link.recorder import LiveRecorder
 from monitor.bus.link.suspension import Suspension, passed_s, slept_s
-from monitor.frames.blocks import EXTENDED, block_of, chosen, frames_of, inserted
+from monitor.frames.blocks import EXTENDED, block_of, chosen, frames_of
 from monitor.frames.loop_frames import bus_state, codes_cleared, log_gap, time_mark
 from monitor.memory.store import Memory
 from monitor.pipeline.events import Event, Tick, singly
@@ -144,17 +144,13 @@ class Loop:
             raise RecordingError("the codes are cleared, but that is not stored yet")
 
     def _take(self, block: FrameBlock) -> None:
-        """Judge frames, and behind each what an attachment makes of it."""
+        """Give the attachments the frames that they want, and judge all."""
         rows = np.flatnonzero(np.isin(block.key, self._keys))
-        places: list[int] = []
-        made: list[Frame] = []
         for row, frame in zip(rows.tolist(), frames_of(chosen(block, rows)), strict=True):
             for attachment in self._wanted.get(int(block.key[row]), ()):
-                more = self._ask(attachment, attachment.receive, frame)
-                made += more
-                places += [row + 1] * len(more)
+                self._ask(attachment, attachment.receive, frame)
             self._due_s = -math.inf
-        self._judge(inserted(block, places, block_of(made)) if made else block)
+        self._judge(block)
 
     def _make(self, frame: Frame) -> None:
         """Judge a frame that the loop makes itself."""

@@ -163,8 +163,7 @@ def _write_profile(logs: Sequence[Path], out: Path) -> int:
 def heard(
     bus: argparse.Namespace, seconds: float, poller: "ObdPoller | None" = None
 ) -> "tuple[FrameBlock, BusHealth, float]":
-    """Return a bus's frames with those that the poller makes, its health, and the silence at the
-    end in s.
+    """Return a bus's frames, its health, and the silence at the end in s.
 
     seconds : time to listen
     """
@@ -182,7 +181,7 @@ def heard(
             block = port.receive(min(max(due_s - now_s, 0.0), ANSWER_S))
             heard_s = time.monotonic() if len(block.key) else heard_s
             if poller:
-                frames = ((frame, *poller.receive(frame)) for frame in frames_of(block))
-                block = block_of([each for group in frames for each in group])
+                for frame in frames_of(block):
+                    poller.receive(frame)
             blocks.append(block)
     return joined(blocks), health, time.monotonic() - heard_s

@@ -132,14 +132,13 @@ def obd_poller(
     Raises O2Error if the map has no OBD-II parameter.
     """
     from monitor.bus.polling.answer import EcuAddress
-    from monitor.bus.polling.pids import lengths, wanted
+    from monitor.bus.polling.pids import wanted
     from monitor.bus.polling.poller import ADDRESSES, ObdPoller
 
     only = args.obd_request
     names = (*bus_map.names, *bus_map.optional) if args.obd_optional else bus_map.names
     return ObdPoller(
         wanted(bus_map, names),
-        lengths(bus_map),
         addresses=ADDRESSES if only is None else (EcuAddress.of(only),),
         rate_hz=args.obd_rate,
         say=tell,

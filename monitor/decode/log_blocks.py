@@ -13,32 +13,35 @@ from cantools.database.can import Message
 
 from monitor.base.types import FrameBlock
 from monitor.decode.bus_map import BusMap
-from monitor.decode.obd_answers import ANSWER, with_all_parameters
+from monitor.decode.obd_answers import ANSWER, ANSWER_29, AllParameters
 from monitor.decode.parameter_groups import Sender
 from monitor.frames.blocks import EXTENDED, LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 
-_ANSWER_29: Final = EXTENDED | 0x18DAF100
 _ENGINE: Final = 0x10  # usual address of the engine's ECU
 
 
 class EngineAnswers:
     """Gives the answers of one ECU, the engine's or the first that came, the 11-bit identifier.
 
+    Each parameter of an answer gets a frame.
+
     keys : of the mapped messages' frames
     """
 
     def __init__(self, keys: Collection[int]) -> None:
-        is_wanted = ANSWER in keys and _ANSWER_29 | _ENGINE not in keys
+        is_wanted = ANSWER in keys and ANSWER_29 | _ENGINE not in keys
         self.groups = ((0x18DAF100, 0x1FFFFF00),) * is_wanted  # identifiers of 29 bits, mask
         self._sender = Sender(_ENGINE)
+        self._all = AllParameters() if ANSWER in keys else None
 
     def push(self, block: FrameBlock) -> FrameBlock:
         """Return a block with the answers among the 11-bit frames."""
+        block = self._all.push(block) if self._all else block
         if not self.groups:
             return block
-        rows = np.flatnonzero((block.key & ~np.uint32(0xFF)) == _ANSWER_29)
+        rows = np.flatnonzero((block.key & ~np.uint32(0xFF)) == ANSWER_29)
         rows = rows[self._sender.takes((block.key[rows] & 0xFF).astype(np.int64))]
         key = block.key.copy() if len(rows) else block.key
         key[rows] = ANSWER
@@ -46,17 +49,15 @@ class EngineAnswers:
 
 
 def log_blocks(
-    path: str | Path, bus_map: BusMap, counters: LogCounters | None = None, *, renames: bool = True
+    path: str | Path, bus_map: BusMap, counters: LogCounters | None = None
 ) -> Iterator[FrameBlock]:
     """Return the blocks of a log for a bus map; errors as of ``read_blocks``.
 
-    renames : give the engine's answers of 29 bits the 11-bit identifier, parameters own frames
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
     keys = keys_of(channel.message for channel in bus_map.channels.values())
     blocks = read_blocks(path, counters, Channels(bus_map.log_channel, keys))
-    blocks = map(EngineAnswers(keys).push, blocks) if renames else blocks
-    return with_all_parameters(blocks) if renames and ANSWER in keys else blocks
+    return map(EngineAnswers(keys).push, blocks)
 
 
 def keys_of(messages: Iterable[Message]) -> set[int]:

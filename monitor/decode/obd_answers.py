@@ -3,15 +3,17 @@
 Sources: ISO 15765-2 (frames), SAE J1979 (answers, and how many bytes a PID has).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Collection
 from typing import Final
 
 import numpy as np
 
 from monitor.base.types import Frame, FrameBlock
-from monitor.frames.blocks import block_of, inserted
+from monitor.frames.blocks import EXTENDED, block_of, chosen, frames_of, inserted
 
 ANSWER: Final = 0x7E8
+ANSWER_29: Final = EXTENDED | 0x18DAF100  # the last byte is the address of the ECU
 POSITIVE: Final = 0x41  # answer to service 01
 N_BYTES: Final = {  # of the data of each PID of service 01
     pid: int(n)
@@ -22,33 +24,33 @@ N_BYTES: Final = {  # of the data of each PID of service 01
 } | {0x80: 4, 0xA0: 4, 0xC0: 4}
 
 
-def answer_of(t_ns: int, pid: int, data: bytes) -> Frame:
-    """Return the frame of an answer with one parameter."""
-    return Frame(t_ns, ANSWER, False, bytes([len(data) + 2, POSITIVE, pid, *data]))
+class AllParameters:
+    """Gives each parameter of an answer a frame, as if it were asked for alone.
 
-
-def with_all_parameters(blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
-    """Yield blocks with a frame for each parameter of an answer, as if it were asked for alone.
-
-    An answer whose bytes are not all told gives none; a run with --obd records such frames.
+    An answer whose bytes are not all told gives none. Beside it may stand such frames: a run with
+    --obd recorded them.
     """
-    reassembly = Reassembly()
-    for block in blocks:
+
+    def __init__(self) -> None:
+        self._of_ecu = defaultdict[int, Reassembly](Reassembly)
+
+    def push(self, block: FrameBlock) -> FrameBlock:
+        """Return a block with these frames behind each answer."""
         places, new = list[int](), list[Frame]()
-        rows = np.flatnonzero(block.key == ANSWER)
-        data = [block.data[row, : block.length[row]].tobytes() for row in rows]
-        shown = set(zip(block.t_ns[rows].tolist(), data, strict=True))
-        for row, each in zip(rows.tolist(), data, strict=True):
-            answer = reassembly.push(each) or b""
-            values = values_of(answer, N_BYTES, N_BYTES) if answer[:1] == bytes([POSITIVE]) else []
+        rows = np.flatnonzero((block.key == ANSWER) | (block.key & ~np.uint32(0xFF) == ANSWER_29))
+        frames = list(frames_of(chosen(block, rows)))
+        shown = {(frame.t_ns, frame.data) for frame in frames}
+        for row, frame in zip(rows.tolist(), frames, strict=True):
+            answer = self._of_ecu[frame.can_id].push(frame.data) or b""
+            values = values_of(answer, N_BYTES) if answer[:1] == bytes([POSITIVE]) else []
             if len(answer) != 1 + sum(1 + len(value) for _, value in values):
                 continue
-            for pid, value in values[each[0] < 8 :]:  # a single frame shows its first
-                frame = answer_of(int(block.t_ns[row]), pid, value)
-                if (frame.t_ns, frame.data) not in shown:
+            for pid, value in values[frame.data[0] < 8 :]:  # a single frame shows its first
+                own = frame._replace(data=bytes([len(value) + 2, POSITIVE, pid, *value]))
+                if (own.t_ns, own.data) not in shown:
                     places.append(row + 1)
-                    new.append(frame)
-        yield inserted(block, places, block_of(new)) if new else block
+                    new.append(own)
+        return inserted(block, places, block_of(new)) if new else block
 
 
 class Reassembly:
@@ -81,17 +83,14 @@ class Reassembly:
         return None
 
 
-def values_of(
-    answer: bytes, asked: Collection[int], lengths: Mapping[int, int]
-) -> list[tuple[int, bytes]]:
+def values_of(answer: bytes, asked: Collection[int]) -> list[tuple[int, bytes]]:
     """Return the PIDs of an answer with their data, up to the first unexpected or cut one.
 
-    answer : bytes from the service number on
+    answer : bytes from the service number on; a PID that the standard lacks has all that is left
     """
     values: list[tuple[int, bytes]] = []
     rest = answer[1:]
-    while rest and rest[0] in asked and len(rest) > lengths[rest[0]]:
-        pid, end = rest[0], 1 + lengths[rest[0]]
-        values.append((pid, rest[1:end]))
-        rest = rest[end:]
+    while rest and rest[0] in asked and len(rest) > (n := N_BYTES.get(rest[0], len(rest) - 1)):
+        values.append((rest[0], rest[1 : 1 + n]))
+        rest = rest[1 + n :]
     return values

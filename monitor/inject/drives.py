@@ -1,15 +1,19 @@
 """The drives of a scenario: a log or table with its faults, written, judged or both."""
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
 
 from monitor.base.files.manifest import note
+from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.log_blocks import log_blocks
-from monitor.frames.blocks import LogCounters, frames_of
+from monitor.decode.log_blocks import keys_of
+from monitor.decode.obd_answers import ANSWER, ANSWER_29, POSITIVE, AllParameters
+from monitor.frames.blocks import EXTENDED, LogCounters, frames_of
+from monitor.frames.channels import Channels
+from monitor.frames.logs import read_blocks
 from monitor.grid.tables import Table, is_table
 from monitor.grid.timeline import Timeline
 from monitor.inject.expected import Recording, fresh_memory
@@ -73,8 +77,12 @@ def _log_drive(
     )
     names = needed_names(setup.model.card, (*setup.bus_map.names, *setup.bus_map.optional))
     found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, names))
-    blocks = timeline.blocks(log_blocks(log, setup.bus_map, found, renames=False))
-    frames = injector.stream(chain.from_iterable(map(frames_of, blocks)))
+    keys = keys_of(channel.message for channel in setup.bus_map.channels.values())
+    blocks = read_blocks(log, found, Channels(setup.bus_map.log_channel, keys))
+    is_polled = ANSWER in keys
+    blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)
+    read = chain.from_iterable(map(frames_of, blocks))
+    frames = injector.stream(_alone(read) if is_polled else read)
     with tempfile.TemporaryDirectory(prefix="o2mon-") as folder:
         written = out or Path(folder, f"{log.name}.log")
         write_log(written, frames, setup.bus_map.log_channel)
@@ -86,6 +94,22 @@ def _log_drive(
     if out:
         _note(out, log, scenario.faults_of(drive))
     return entry and {**entry, "path": str(out or log)}
+
+
+def _alone(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """Leave out the OBD answers of several frames; each of their parameters has a frame beside."""
+    several = set[tuple[int, bool]]()
+    for frame in frames:
+        ecu, data = frame[1:3], frame.data
+        if ecu == (ANSWER, False) or (ecu[1] and ecu[0] & ~0xFF | EXTENDED == ANSWER_29):
+            kind = data[0] >> 4 if data else -1
+            if kind == 1 and data[2:3] == bytes([POSITIVE]):
+                several.add(ecu)
+            elif kind != 2:
+                several.discard(ecu)
+            if ecu in several:
+                continue
+        yield frame
 
 
 def _table_drive(

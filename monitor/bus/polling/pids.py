@@ -4,7 +4,7 @@ They follow from the CAN database: its message 0x7E8 holds the engine's answers,
 multiplexed by ``Pid``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,10 +12,8 @@ from cantools.database.can import Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.decode.bus_map import BusChannel, BusMap
-from monitor.decode.obd_answers import ANSWER, N_BYTES
-from monitor.decode.raw_values import last_byte
+from monitor.decode.obd_answers import ANSWER
 
-HEADER_BYTES: Final = 3  # of an answer in a single frame: length, service, PID
 MULTIPLEXER: Final = "Pid"
 MOST_PIDS: Final = 6  # per request, SAE J1979
 # PIDs that tell which of the next 32 PIDs are supported, SAE J1979
@@ -62,19 +60,6 @@ def wanted(bus_map: BusMap, names: Sequence[str]) -> tuple[ObdParameter, ...]:
         for pids, group in groups.items()
     )
     return (*ranges.values(), *signals)
-
-
-def lengths(bus_map: BusMap) -> Mapping[int, int]:
-    """Return the number of data bytes of each PID: the standard's, of another PID the database's.
-
-    Every byte of such a PID belongs to a signal.
-    """
-    n_bytes = dict[int, int]()
-    for message in {id(c.message): c.message for c in bus_map.channels.values()}.values():
-        for signal in message.signals:
-            last = last_byte(message, signal) + 1 - HEADER_BYTES
-            n_bytes |= {pid: max(n_bytes.get(pid, 0), last) for pid in _pids(message, signal)}
-    return n_bytes | N_BYTES
 
 
 def _pids(message: Message, signal: Signal) -> tuple[int, ...]:

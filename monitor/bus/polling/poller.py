@@ -1,12 +1,11 @@
 """Polls OBD-II parameters from the engine, for vehicles that broadcast no useful signals.
 
 There is one request at a time, with up to six PIDs. The next one follows the answer or a timeout,
-within the rate. A longer answer becomes frames with one PID each, like those of an engine that is
-asked for one PID, so live run, recording and replay decode the same frames.
+within the rate. The pipeline takes the answers apart, as those to any other tester.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Final
 
@@ -25,7 +24,7 @@ from monitor.bus.polling.answer import (
 )
 from monitor.bus.polling.pids import MOST_PIDS, ObdParameter
 from monitor.bus.polling.schedule import Schedule
-from monitor.decode.obd_answers import ANSWER, POSITIVE, Reassembly, answer_of, values_of
+from monitor.decode.obd_answers import POSITIVE, Reassembly, values_of
 
 # Tried in this order until one is answered: 11 bits before 29, as in ISO 15765-4.
 ADDRESSES: Final = tuple(map(EcuAddress.of, (0x7E0, FUNCTIONAL, 0x18DA10F1, FUNCTIONAL_29)))
@@ -53,7 +52,7 @@ class PollCounters:
 class ObdPoller(Attachment):
     """The attachment that polls OBD-II parameters.
 
-    parameters, lengths : from ``pids.wanted`` and ``pids.lengths``
+    parameters : from ``pids.wanted``
     addresses : tried in turn until one is answered
     rate_hz : most requests per second
     say : receives a line about the supported parameters, and one at the end
@@ -62,7 +61,6 @@ class ObdPoller(Attachment):
     def __init__(
         self,
         parameters: Sequence[ObdParameter],
-        lengths: Mapping[int, int],
         *,
         addresses: Sequence[EcuAddress] = ADDRESSES,
         rate_hz: float = DEFAULT_RATE_HZ,
@@ -70,7 +68,7 @@ class ObdPoller(Attachment):
     ) -> None:
         self.counters = PollCounters()
         self.schedule = Schedule(parameters, say)
-        self._lengths, self._say = lengths, say
+        self._say = say
         self._addresses, self._at = tuple(addresses), 0
         self._pause_s = 1.0 / rate_hz
         self._reassembly = Reassembly()
@@ -108,30 +106,29 @@ class ObdPoller(Attachment):
         line = f"OBD-II: {told.pop('requests')} requests, {told.pop('answers')} answered"
         self._say(", ".join([line, *(f"{name} {n}" for name, n in told.items() if n)]))
 
-    def receive(self, frame: Frame) -> Iterable[Frame]:
-        """Take a frame; return frames for those PIDs of its answer that it does not show itself."""
+    def receive(self, frame: Frame) -> None:
+        """Take a frame of the answer to the open request."""
         address = self._addresses[self._at]
         if not self._asked or frame[1:3] != (address.response, address.is_extended):
-            return ()
+            return
         data = frame.data
         kind = data[0] >> 4 if data else -1
         if kind in (0, 1):
             service, about = (data[1 + kind :] + b"\0\0")[:2]
             if kind == 0 and (service, about) == (NEGATIVE, SERVICE):
                 self._negative(data[3] if len(data) > 3 else 0)
-                return ()
+                return
             if service != POSITIVE or about not in self._asked:
-                return ()  # the answer to another tester
+                return  # the answer to another tester
         was_running = self._reassembly.is_running
         answer = self._reassembly.push(data)
         if answer is not None:
-            return self._answered(frame, answer, is_shown=kind == 0)
-        if self._reassembly.is_running:
+            self._answered(answer)
+        elif self._reassembly.is_running:
             self._flow_control = self._flow_control or kind == 1
             self._wait_s = TIMEOUT_S
         elif was_running:
             self.counters.malformed += 1
-        return ()
 
     def work(self, now_s: float) -> list[Frame]:
         """Return the frames to send now: flow control or the next request."""
@@ -171,22 +168,16 @@ class ObdPoller(Attachment):
         self._asked, self._rest_s = (), rest_s
         self._reassembly.is_running = self._flow_control = False
 
-    def _answered(self, frame: Frame, answer: bytes, *, is_shown: bool) -> list[Frame]:
-        """Take a complete answer; return a frame for each PID that the bus does not show alone."""
-        asked = self._asked
-        values = values_of(answer, asked, self._lengths)
+    def _answered(self, answer: bytes) -> None:
+        """Take a complete answer."""
+        values = values_of(answer, self._asked)
         if not values:
             self.counters.malformed += 1
-            return []
+            return
         self.counters.answers += 1
         self._silent = self._busy = 0
-        is_bitmap = self.schedule.bitmap is not None
-        self.schedule.answered(asked, dict(values))
+        self.schedule.answered(self._asked, dict(values))
         self._done(0.0)
-        if is_bitmap:
-            return []
-        first = 1 if is_shown and frame[1:3] == (ANSWER, False) else 0
-        return [answer_of(frame.t_ns, *each) for each in values[first:]]
 
     def _negative(self, code: int) -> None:
         if code == PENDING:

@@ -6,6 +6,7 @@ from typing import Final
 
 from monitor.bus.polling.answer import supported
 from monitor.bus.polling.pids import BITMAPS, MOST_PIDS, ObdParameter
+from monitor.decode.obd_answers import N_BYTES
 
 SINGLE: Final = 60  # answers to single PIDs after which several are requested again
 PATIENCE: Final = 3  # missing answers after which a PID is polled alone; twice as many drop it
@@ -15,7 +16,7 @@ class Schedule:
     """Chooses the PIDs of each request from the mapped and supported ones.
 
     The oldest come first; age counts in timeouts of the signals. A PID that the ECU leaves out of
-    its answers is polled alone, and dropped if it stays unanswered.
+    its answers is polled alone, and dropped if it stays unanswered; so is one of unknown length.
 
     parameters : the mapped parameters
     say : receives a line about the supported parameters
@@ -85,7 +86,7 @@ class Schedule:
             self.refused(asked)
 
     def _is_alone(self, pid: int) -> bool:
-        return self._unanswered.get(pid, 0) >= PATIENCE
+        return pid not in N_BYTES or self._unanswered.get(pid, 0) >= PATIENCE
 
     def _miss(self, pids: Sequence[int]) -> None:
         for pid in pids:

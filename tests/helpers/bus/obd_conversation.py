@@ -4,15 +4,16 @@ from typing import Any
 
 from monitor.base.types import Frame
 from monitor.bus.link.recorder import message_of
-from monitor.bus.polling.pids import lengths, wanted
+from monitor.bus.polling.pids import wanted
 from monitor.bus.polling.poller import ObdPoller
+from monitor.decode.log_blocks import EngineAnswers
+from monitor.frames.blocks import block_of, frames_of
 from monitor.frames.logs import frame_of
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
 from tests.helpers.logs.bus_maps import OBD
 from tests.helpers.logs.decoding import Decoding
 
 PARAMETERS = wanted(OBD, OBD.names)
-LENGTHS = lengths(OBD)
 
 
 class Conversation:
@@ -20,10 +21,11 @@ class Conversation:
 
     def __init__(self, ecu: ObdEcu, **options: Any) -> None:
         self.said: list[str] = []
-        self.poller = ObdPoller(PARAMETERS, LENGTHS, say=self.said.append, **options)
+        self.poller = ObdPoller(PARAMETERS, say=self.said.append, **options)
         self.ecu = ecu
         self.bus = SimulatedBus(ecu)
         self.decoding = Decoding(OBD, OBD.names)
+        self._answers = EngineAnswers(self.decoding.decoder.plans)
         self._values: dict[str, list[float]] = {n: [] for n in self.decoding.decoder.channels}
         self._n_decoded = 0
         self.frames: list[Frame] = []
@@ -35,10 +37,8 @@ class Conversation:
             left_s = min(self.poller.due_s, until_s) - self.bus.now_s
             message = self.bus.recv(min(max(left_s, 0.0), 0.1))
             if message is not None:
-                frame = frame_of(message)
-                if (frame.can_id, frame.is_extended) == (0x7E8, False):
-                    self.frames.append(frame)
-                self.frames += self.poller.receive(frame)
+                self.frames.append(frame := frame_of(message))
+                self.poller.receive(frame)
                 self._send()
         return self
 
@@ -54,7 +54,7 @@ class Conversation:
     @property
     def values(self) -> dict[str, list[float]]:
         new, self._n_decoded = self.frames[self._n_decoded :], len(self.frames)
-        for found in self.decoding.push(new):
+        for found in self.decoding.push(list(frames_of(self._answers.push(block_of(new))))):
             for name, value in (found or {}).items():
                 self._values[name].append(value)
         return self._values

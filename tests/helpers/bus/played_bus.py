@@ -110,7 +110,7 @@ def judged(recording: dict[str, Any]) -> str:
 
 
 class Ear(Attachment):
-    """An attachment that keeps what it is given, and answers one identifier."""
+    """An attachment that keeps what it is given, the frames of one identifier among it."""
 
     identifiers = ((0x6F0, False),)
 
@@ -119,8 +119,8 @@ class Ear(Attachment):
         self._maybe_fail("due")
         return float("inf")
 
-    def __init__(self, answer: Iterable[Frame] = (), fails_at: str = "") -> None:
-        self.answer, self.fails_at = list(answer), fails_at
+    def __init__(self, fails_at: str = "") -> None:
+        self.fails_at = fails_at
         self.heard: list[Frame] = []
         self.events: list[Any] = []
         self.worked = self.closed = 0
@@ -129,11 +129,9 @@ class Ear(Attachment):
         if where == self.fails_at:
             raise RuntimeError(f"no more {where}")
 
-    def receive(self, frame: Frame) -> list[Frame]:
+    def receive(self, frame: Frame) -> None:
         self._maybe_fail("receive")
         self.heard.append(frame)
-        answer, self.answer = self.answer, []
-        return answer
 
     def push(self, event: Any) -> None:
         self._maybe_fail("push")

@@ -195,10 +195,16 @@ def test_what_cannot_be_is_refused_with_exit_code_2(
     assert says in capsys.readouterr().err
 
 
-def test_answers_under_29_bits_are_changed_as_those_under_11(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_answers_under_29_bits_are_changed_as_those_under_11(
+    is_alone: bool, tmp_path: Path
+) -> None:
     # GIVEN a log of lambda by PID 34 from an engine with 29-bit diagnostics, and from one with 11
     maps = ["--dbc", str(dbc.path("obd2.dbc")), "--map", str(dbc.path("obd2.toml"))]
     answers = [bytes.fromhex(f"064134{0x7000 + 0x100 * n:04X}800000") for n in range(20)]
+    if not is_alone:  # lambda between engine speed and vehicle speed, in two frames
+        parts = ("100B410C1AF834{:02X}", "210080000D500000")
+        answers = [bytes.fromhex(p.format(0x70 + n)) for n in range(20) for p in parts]
     for name, key, long in (("11.log", 0x7E8, False), ("29.log", 0x18DAF110, True)):
         write(tmp_path / name, [Frame(n * 100 * MS, key, long, a) for n, a in enumerate(answers)])
         out = tmp_path / f"out{name}"
@@ -207,6 +213,6 @@ def test_answers_under_29_bits_are_changed_as_those_under_11(tmp_path: Path) -> 
         assert cli.main(done) == 0
     # THEN the same readings come out under the ECU's identifiers, and not the ECU's
     short, long_ = (list(read_frames(tmp_path / f"out{n}.log")) for n in (11, 29))
-    assert len(short) == 20
+    assert len(short) == (20 if is_alone else 60)
     assert long_ == [f._replace(can_id=0x18DAF110, is_extended=True) for f in short]
-    assert values_of(OBD, "lambda_measured", short)[0] == pytest.approx(0.975, abs=1e-3)
+    assert values_of(OBD, "lambda_measured", short)[-1] == pytest.approx(1.1234, abs=1e-3)

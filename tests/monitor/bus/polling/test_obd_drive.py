@@ -7,7 +7,6 @@ import pytest
 
 import dbc
 from monitor.base import config
-from monitor.base.types import Frame
 from monitor.cli import main
 from monitor.pipeline import replay
 from tests.helpers.bus.obd_conversation import Conversation
@@ -20,14 +19,17 @@ def obd_setup() -> replay.Setup:
     return replay.set_up(None, [pair], config.load())
 
 
-def test_answers_of_29_bits_to_another_tester_are_judged_as_in_a_replay_and_nothing_is_asked(
+def test_answers_to_another_tester_are_judged_as_in_a_replay_and_nothing_is_asked(
     tmp_path: Path,
 ) -> None:
-    answers = [bytes.fromhex(each) for each in ("04410C1AF8000000", "0641347FFF800000")]
-    script = [Frame(k * 50_000_000, 0x18DAF110, True, answers[k % 2]) for k in range(1200)]
+    # GIVEN answers with up to six parameters, under 29 bits
+    answers = Conversation(steady_ecu()).run(40.0).frames
+    script = [frame._replace(can_id=0x18DAF110, is_extended=True) for frame in answers]
     live, bus = run_on(script, obd_setup(), record=tmp_path / "tester.log")
     again, _ = replay.replay(tmp_path / "tester.log", obd_setup())
     assert judged(live) == judged(again)
+    assert live["dtcs"] == []
+    assert live["enable"]["inputs_valid"] > 0.9
     assert bus.sent == []
     assert live["counters"]["unmapped"] == 1  # the mark of a live recording
 

@@ -12,7 +12,7 @@ from monitor.bus.polling.poller import ObdPoller
 from monitor.inject.gateway import write_log
 from monitor.model.step import Model
 from monitor.pipeline import replay
-from tests.helpers.bus.obd_conversation import LENGTHS, PARAMETERS, Conversation
+from tests.helpers.bus.obd_conversation import PARAMETERS, Conversation
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
 from tests.helpers.drives.simulated_drives import WARM
 from training.cli import main
@@ -35,7 +35,7 @@ def polled(setup: replay.Setup, seed: int, log: Path, until_s: float) -> dict[st
     """Poll a drive, record it and return what the loop says."""
     with SimulatedBus(ecu_of(seed, until_s), until_s=until_s, seed=seed) as bus:
         loop = Loop(bus, setup, record=log, say=lambda _: None, monotonic_s=lambda: bus.now_s)
-        loop.attachments.append(ObdPoller(PARAMETERS, LENGTHS))
+        loop.attachments.append(ObdPoller(PARAMETERS))
         bus.stop = loop.stop
         loop.run()
     return loop.result("polled")
