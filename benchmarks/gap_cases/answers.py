@@ -15,12 +15,15 @@ SUSPECTED: Final = "sensor_fault_suspected"
 LIKELY: Final = 0.95  # of the probability
 LIKE_FAULT: Final = ("onset", "ethanol")
 LIKE_SENSOR: Final = ("ethanol", "sensor_asymmetry")
+TRUTH: Final = {"null": "none", "unknown": "unknown", "reversed": "{} reversed"}  # else the names
 NEAR: Final = 1.1  # times the error without the effect
 
 
 def figures(answers: Sequence[Answer]) -> Iterator[Row]:
-    """Yield the calibration error, and a row for each engine and figure."""
-    yield {"figure": "calibration error", "value": calibration_error(answers)}
+    """Yield calibration errors, and a row for each engine and figure."""
+    for words, kinds in {"": ("effect", *TRUTH), ", two": ("two",)}.items():
+        asked = [each for each in answers if each["kind"] in kinds]
+        yield {"figure": f"calibration error{words}", "value": calibration_error(asked)}
     for engine in ("dyno", "second", "other"):
         own = [each for each in answers if engine in each["key"]]
         for words, (which, right) in COUNTS.items():
@@ -98,10 +101,10 @@ def calibration_error(rows: Sequence[Answer]) -> float:
 
     Source: Guo et al., On calibration of modern neural networks, ICML 2017.
     """
-    truth = {"null": "none", "unknown": "unknown", "reversed": "{} reversed", "effect": "{}"}
-    asked = [(*next(iter(r["posterior"].items())), r) for r in rows if r["kind"] in truth]
+    asked = [(*next(iter(r["posterior"].items())), r) for r in rows]
     sure = np.array([p for _, p, _ in asked])
-    right = [name == truth[r["kind"]].format(*r["hidden"]) for name, _, r in asked]
+    truth = [TRUTH.get(r["kind"], "+".join(r["hidden"])).format(*r["hidden"]) for _, _, r in asked]
+    right = [{*a.split("+")} == {*b.split("+")} for (a, *_), b in zip(asked, truth, strict=True)]
     bins = np.bincount(np.minimum((10.0 * sure).astype(int), 9), sure - right)
     return float(np.abs(bins).sum() / max(len(sure), 1))
 

@@ -74,12 +74,7 @@ def make(folder: Path, made: Made, only: str) -> None:
     for key in (*sorted(vehicles), *cases):
         path = folder / f"{key}.pickle"
         if not path.exists():
-            keep(path, content[key]())
-
-
-def keep(path: Path, content: Any) -> None:
-    """Write drives or a case."""
-    path.write_bytes(pickle.dumps(content))
+            path.write_bytes(pickle.dumps(content[key]()))
 
 
 def answers(

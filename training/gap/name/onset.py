@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
 from training.greybox.fit.case import Case
 from training.greybox.fit.joint import JointFit
 
@@ -23,8 +23,8 @@ def onset_s(case: Case, before: JointFit, after: JointFit) -> tuple[str, float] 
     """
     wanted, signature, blocks = -before.residual, after.residual - before.residual, case.blocks
     _, first, block = np.unique(blocks, return_index=True, return_inverse=True)
-    weight = _sums(block, signature**2)
-    strength = _sums(block, wanted * signature) / np.maximum(weight, 1e-300)
+    weight = np.bincount(block, signature**2).astype(np.float64)
+    strength = np.bincount(block, wanted * signature) / np.maximum(weight, 1e-300)
     used = np.flatnonzero(weight > ONSET_WEIGHT * weight.sum())
     place = _step(strength[used], weight[used])
     if place is None:
@@ -34,10 +34,6 @@ def onset_s(case: Case, before: JointFit, after: JointFit) -> tuple[str, float] 
     i = int(np.searchsorted(ends, at, side="right"))
     row = case.rows[i][at - ends[i]]  # counted from the drive's end
     return case.drives[i].name, float(row * case.drives[i].period_s)
-
-
-def _sums(block: IntArray, values: FloatArray) -> FloatArray:
-    return np.asarray(np.bincount(block, values), dtype=np.float64)
 
 
 def _step(a: FloatArray, w: FloatArray) -> int | None:

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.types import BoolArray, FloatArray
+from monitor.base.types import FloatArray
 from training.gap.name.formulas.signal_screen import left_by_best_signal
 from training.gap.name.ranking import USUAL_SHARE
 from training.gap.name.verdict import Candidate
@@ -43,7 +43,10 @@ def posterior(state: BaseState, ranking: Sequence[Candidate], whole: FloatArray)
     counts[UNKNOWN if is_clear else NONE] = int((~is_large).sum())
     for i in np.unique(best[is_large]):
         candidate, own = ranking[i], drawn[is_large & (best == i)]
-        holds = _explains_half(state, candidate, own @ (whole - after[i]), own)
+        # It leaves less than it explains; an effect in another form, the usual share of both.
+        explained = own @ (whole - after[i])
+        rest = own @ scoring.explained(candidate.fit, state.roof, state.case.blocks)
+        holds = explained >= rest - USUAL_SHARE * (explained + rest)
         if candidate.kind == "sensor fault":
             # Its own fault may have another form, of which the library's explains a part.
             holds |= not is_clear or own @ left_by_best_signal(state) > own @ after[i]
@@ -62,25 +65,17 @@ def _is_clear(state: BaseState) -> bool:
     return score.gain >= max(GAP_GAIN, usual) and score.t >= GAP_T
 
 
-def _explains_half(
-    state: BaseState, candidate: Candidate, gains: FloatArray, drawn: FloatArray
-) -> BoolArray:
-    """Return whether each draw (n, n_blocks) leaves less than was gained; an effect in another
-    form leaves the usual share of both.
-    """
-    rest = drawn @ scoring.explained(candidate.fit, state.roof, state.case.blocks)
-    return np.asarray(gains >= rest - USUAL_SHARE * (gains + rest))
-
-
-def on_top(first: Posterior, names: str, lead: str, then: Posterior) -> Posterior:
+def on_top(first: Posterior, lead: str, then: Posterior, beaten: Posterior) -> Posterior:
     """Return the probabilities of two steps: ``lead`` of the first one alone, or with another.
 
-    names : of the effects that the second step stands on, joined by +
+    lead : the effects that the second step stands on, joined by +
+    beaten : rivals of the first step → how often the second step explains more than they do
     Another cause than ``lead`` is a question of what stands beside it, so the second step says it.
     """
-    stands = first[lead] + first[UNKNOWN]
-    both = {name: p for name, p in first.items() if name != lead} | {UNKNOWN: 0.0}
+    others = {name: p for name, p in first.items() if name not in (lead, UNKNOWN)}
+    both = {name: p * (1.0 - beaten.get(name, 0.0)) for name, p in others.items()}
+    stands = 1.0 - sum(both.values())
     for name, p in then.items():
-        label = {NONE: names, UNKNOWN: UNKNOWN}.get(name, f"{names}+{name}")
+        label = {NONE: lead, UNKNOWN: UNKNOWN}.get(name, f"{lead}+{name}")
         both[label] = both.get(label, 0.0) + stands * p
     return both

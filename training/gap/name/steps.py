@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Final
 
 from training.gap.name.decision import StepOutcome, step
@@ -10,6 +11,7 @@ from training.gap.name.verdict import Candidate, Round
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
 from training.greybox.fit.joint import held_out_rmse
+from training.healthy import scoring
 from training.healthy.base_state import BaseState
 from training.jobs import Progress
 
@@ -104,13 +106,18 @@ def advance(
 
 
 def _posterior(told: Sequence[StepOutcome], path: _Path) -> Posterior:
-    """Return the probabilities of all steps together, of pairs by both names."""
-    odds, lead = told[0].posterior, told[0].lead
-    name = lead.name if lead else ""
-    for i, then in enumerate(told[1:], 1):
-        names = "+".join(effect.name for effect in path.effects[:i])
-        odds = on_top(odds, names, name, then.posterior)
-        name = f"{names}+{then.lead.name}" if then.lead else ""
+    """Return the probabilities of all steps together, of pairs by both names.
+
+    A rival of an effect is held against both effects, too, of which the second has to explain as
+    much more than the rival as it needs.
+    """
+    odds, before = told[0].posterior, ""
+    for (first, then), effect in zip(pairwise(told), path.effects, strict=False):
+        best = then.ranking[0]
+        both = best.left + best.merit.needed / len(best.left)
+        beaten = {before + c.label: scoring.win(both, c.left) for c in first.ranking}
+        odds = on_top(odds, before + effect.name, then.posterior, beaten)
+        before += f"{effect.name}+"
     return odds
 
 

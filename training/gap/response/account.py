@@ -9,7 +9,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.response.equations import Held
-from training.gap.response.families import PASTS_S, Family
+from training.gap.response.families import PASTS_S
 from training.greybox.fit.drive import Comparison
 from training.greybox.quantity.dynamics import delayed, lag
 
@@ -37,10 +37,10 @@ class ResponseAccount:
 
 @dataclass(frozen=True, slots=True)
 class ResponseCurve:
-    """What a driver adds to the reading."""
+    """What a driver adds to the reading, straight between knots."""
 
     x: FloatArray  # (p,) in the driver's unit
-    y: FloatArray  # (p,) in the model's unit
+    y: FloatArray  # (p,) about their mean, in the model's unit
 
     @property
     def slope(self) -> float:
@@ -80,12 +80,6 @@ def _nearest(runs: Sequence[Comparison], delay_s: float, lag_s: float) -> tuple[
     x, y = made - made.mean(), measured - measured.mean()
     gain = float(x @ y) / max(float(x @ x), 1e-300)
     return gain, float(((y - gain * x) ** 2).sum())
-
-
-def curve_of(family: Family, held: Held) -> ResponseCurve:
-    """Return what a level adds at its knots, between which it is straight, about their mean."""
-    assert family.knots is not None
-    return ResponseCurve(family.knots, held.coefficients - held.coefficients.mean())
 
 
 def past_s(held: Held, period_s: float) -> float:

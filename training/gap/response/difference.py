@@ -11,7 +11,6 @@ from training.gap.config import CONFIG
 from training.gap.response.account import (
     ResponseAccount,
     ResponseCurve,
-    curve_of,
     past_s,
     response_of,
 )
@@ -94,8 +93,9 @@ def difference_of(
     found, response, curve = first.finding, None, None
     if found.kind in SHIFTS:
         response = response_of(first.runs, reference.healthy)
-    if first.family is not None and found.kind == "level":
-        curve = curve_of(first.family, first.trial.held[first.number])
+    if first.family is not None and first.family.knots is not None:
+        y = first.trial.held[first.number].coefficients
+        curve = ResponseCurve(first.family.knots, y - y.mean())
     best = replace(found, sentence=_sentence(first, response, curve, unit))
     if unit in ("", "phi") and (share := _commanded(new, reference)) >= HALF:
         words = f"{percent(share)} of what exceeds the error of healthy runs goes with its lambda"

@@ -81,8 +81,8 @@ def test_what_effects_in_a_model_move_counts_without_a_healthy_reference_too() -
     assert state.deviance.sum() < 0.5 * state.own.sum()
 
 
-def test_a_second_step_parts_the_first_ones_effect_from_pairs_with_it() -> None:
-    first = {"wall_film": 0.7, "purge": 0.1, "none": 0.1, "unknown": 0.1}
-    found = on_top(first, "wall_film", "wall_film", {"purge": 0.5, "none": 0.25, "unknown": 0.25})
-    pair = {"wall_film+purge": 0.4, "wall_film": 0.2, "unknown": 0.2, "purge": 0.1, "none": 0.1}
-    assert found == pytest.approx(pair)
+def test_a_second_step_parts_the_first_ones_effect_and_a_beaten_rival_from_pairs() -> None:
+    first = {"wall_film": 0.7, "purge": 0.2, "unknown": 0.1}
+    then = {"purge": 0.5, "none": 0.25, "unknown": 0.25}
+    pair = {"wall_film+purge": 0.45, "wall_film": 0.225, "unknown": 0.225, "purge": 0.1}
+    assert on_top(first, "wall_film", then, {"purge": 0.5}) == pytest.approx(pair)
