@@ -6,13 +6,13 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.outcome import Row
+from training.gap.name.posterior import likely
 from training.greybox.fit.sensor_faults import FAULTS
 from training.limits.rates import rate
 
 Answer = Mapping[str, Any]
 Asked = Callable[[Answer], bool]
 SUSPECTED: Final = "sensor_fault_suspected"
-LIKELY: Final = 0.95  # of the probability
 LIKE_FAULT: Final = ("onset", "ethanol")
 LIKE_SENSOR: Final = ("ethanol", "sensor_asymmetry")
 TRUTH: Final = {"null": "none", "unknown": "unknown", "reversed": "{} reversed"}  # else the names
@@ -86,11 +86,10 @@ def _said(row: Answer) -> bool:
 
 def contradicts(row: Answer) -> bool:
     """Return whether the verdict is none of the likeliest hypotheses, as few as hold 95 %."""
-    odds, verdict = row["posterior"], row["verdict"]
-    before = np.cumsum([0.0, *odds.values()])
-    likely = [name for name, p in zip(odds, before, strict=False) if p < LIKELY]
+    verdict = row["verdict"]
     several = verdict in (SUSPECTED, "ambiguous")
-    said = {part for name in likely[: None if several else 1] for part in name.split("+")}
+    hypotheses = likely(row["posterior"])[: None if several else 1]
+    said = {part for name in hypotheses for part in name.split("+")}
     named = {label for label in row["labels"] if not label.startswith("empirical")}
     by_verdict = {"no_gap": {"none"}, SUSPECTED: {*LIKE_FAULT, *(fault.name for fault in FAULTS)}}
     return not said & by_verdict.get(verdict, named or {"unknown"})

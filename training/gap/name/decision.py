@@ -9,14 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-import numpy as np
-
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
 from training.gap.name.manoeuvres import propose
 from training.gap.name.onset import onset_s
-from training.gap.name.posterior import NONE, ONSET, UNKNOWN, Posterior, posterior
-from training.gap.name.ranking import RANKED_CLOSELY, WIN, rank
+from training.gap.name.posterior import NONE, ONSET, UNKNOWN, Posterior, likely, posterior
+from training.gap.name.ranking import RANKED_CLOSELY, rank
 from training.gap.name.verdict import Candidate, Verdict
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
@@ -60,11 +58,9 @@ def step(
     """Return the outcome of one forward step; whole : deviance (n_blocks,) before the first."""
     ranking = rank(state, candidates, progress)
     odds = posterior(state, ranking, whole)
-    found = sorted((c for c in ranking if odds[c.label] > 0.0), key=lambda c: -odds[c.label])
-    together = sum(odds[c.label] for c in found)
-    leads = bool(found) and odds[found[0].label] > max(odds[NONE], odds[UNKNOWN])
-    before = np.cumsum([0.0, *(odds[c.label] for c in found)])
-    among = [c for c, p in zip(found, before, strict=False) if leads and p < WIN * together]
+    by_label = {c.label: c for c in ranking}
+    found = [by_label[name] for name in likely({name: odds[name] for name in by_label})]
+    among = found if found and odds[found[0].label] > max(odds[NONE], odds[UNKNOWN]) else []
     outcome = None if sensor_known_good else _at_fault(state, ranking, among, odds)
     return outcome or _of_effects(state, ranking, among, odds)
 

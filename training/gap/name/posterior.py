@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.name.formulas.signal_screen import left_by_best_signal
-from training.gap.name.ranking import USUAL_SHARE
+from training.gap.name.ranking import USUAL_SHARE, WIN
 from training.gap.name.verdict import Candidate
 from training.healthy import scoring
 from training.healthy.base_state import BaseState
@@ -63,6 +63,13 @@ def _is_clear(state: BaseState) -> bool:
     score = scoring.score(scoring.by_block(errors, blocks), scoring.by_block(rest, blocks), moved)
     usual = USUAL_SHARE * (float(state.own.sum()) + score.gain)
     return score.gain >= max(GAP_GAIN, usual) and score.t >= GAP_T
+
+
+def likely(odds: Posterior) -> list[str]:
+    """Return the likeliest hypotheses, the first one first, as few as hold 95 % of all."""
+    names = sorted(odds, key=lambda name: -odds[name])
+    before = np.cumsum([0.0, *(odds[name] for name in names)])
+    return [name for name, p in zip(names, before, strict=False) if p < WIN * before[-1]]
 
 
 def on_top(first: Posterior, lead: str, then: Posterior, beaten: Posterior) -> Posterior:

@@ -1,15 +1,14 @@
 """Sentences of the gap report: the verdict with its figures, the next steps, the warnings."""
 
 from training.gap.name.decision import AMBIGUOUS_MOST
-from training.gap.name.posterior import NONE
-from training.gap.name.ranking import WIN
+from training.gap.name.posterior import NONE, likely
 from training.gap.name.verdict import Candidate
 from training.gap.pages.cells import phi
 from training.gap.response.difference import COMMAND
 from training.gap.result import Result
 from training.gap.verify.evidence import Count, Detection
 from training.greybox.effects.empirical import formula
-from training.pages.numbers import percent
+from training.pages.numbers import percent, words
 
 
 def verdict_sentence(result: Result) -> str:
@@ -24,8 +23,8 @@ def verdict_sentence(result: Result) -> str:
     if not any(result.inputs.simulated):
         return sentence
     every = all(result.inputs.simulated)
-    words = "All of it is about" if every else "Some of the recordings are"
-    return f"{sentence} {words} simulated{' recordings' if every else ''}."
+    which = "All of it is about" if every else "Some of the recordings are"
+    return f"{sentence} {which} simulated{' recordings' if every else ''}."
 
 
 def _named(result: Result) -> str:
@@ -96,9 +95,9 @@ def _unknown(result: Result) -> str:
 
 def _reversed(result: Result, effect: Candidate) -> str:
     """Return the effect that acts in the direction that it cannot have, and what to look at."""
-    words = f"{effect.name.replace('_', ' ').capitalize()}, but in the other direction"
+    said = f"{words(effect.name).capitalize()}, but in the other direction"
     then = _with_it(result) or f"It is not added to the model; {_level(result)}."
-    return f"{words}: look at {effect.look_at}. {then}"
+    return f"{said}: look at {effect.look_at}. {then}"
 
 
 def _suspects(result: Result) -> str:
@@ -268,11 +267,9 @@ def _and(parts: list[str], word: str = "and") -> str:
 
 def confidence(result: Result) -> str:
     """Return the likeliest hypotheses with their probabilities: as few as hold 95 %, at most 3."""
-    told, left = list[str](), 1.0
-    for name, p in result.naming.posterior.items():  # the likeliest first
-        if left > 1.0 - WIN and len(told) < AMBIGUOUS_MOST:
-            told.append(f"{percent(p)} for {'no gap' if name == NONE else name.replace('_', ' ')}")
-        left -= p
+    odds = result.naming.posterior
+    names = likely(odds)[:AMBIGUOUS_MOST]
+    told = [f"{percent(odds[n])} for {words('no_gap' if n == NONE else n)}" for n in names]
     if told:
         return f"of all hypotheses, {_and(told)}."
     if result.verdict == "no_gap":
