@@ -3,18 +3,17 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Final
-
-import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.counts import counted, duration, plain
 from monitor.base.signals import BY_NAME
 from monitor.base.types import Quality
 from monitor.judge import enable
-from monitor.judge.causes.liveness import dead_at_end
+from monitor.judge.causes.liveness import DEAD, dead_at_end
 from monitor.judge.causes.observation import Observation
-from monitor.judge.enable import CONDITIONS, Range
+from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.judge.trust import UNKNOWN
 from monitor.model.card import ModelCard
@@ -82,7 +81,8 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
     """
     if not seen.samples:
         return [Cause("samples", 0.0, None, "empty", "the recording holds no sample")]
-    needed = asked.config.enable.model_settle_samples + asked.config.window.n_samples
+    settles = enable.settings_for(asked.config.enable, asked.card).model_settle_samples
+    needed = settles + asked.config.window.n_samples
     if seen.samples < needed:
         length_s, least_s = seen.samples * seen.period_s, needed * seen.period_s
         advice = f"the recording is {length_s:.1f} s long, at least {least_s:g} s are wanted"
@@ -94,7 +94,7 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
     # without an enabled sample fuel cuts alone may have told of the response
     unfinished = ("response",) if judgement is None else judgement.unfinished
     undecided = "response" in unfinished or (bool(unfinished) and not seen.enabled)
-    found = [*_blocked(seen, asked)] if undecided else []
+    found = _blocked(seen, asked) if undecided else []
     found += list(_still_inputs(seen, asked, found if undecided else None))
     grave = [each for each in found if _is_grave(each)]
     if judgement is None:
@@ -117,78 +117,57 @@ def _is_grave(cause: Cause) -> bool:
     return not is_of_driving or cause.held_share is None or cause.held_share < HALF
 
 
-def _blocked(seen: Observation, asked: Asked) -> Iterator[Cause]:
-    """Yield the causes of the conditions that held least."""
+def _blocked(seen: Observation, asked: Asked) -> list[Cause]:
+    """Return the causes of the conditions that held least."""
     shares = {c: seen.share(c) for c in CONDITIONS if c not in seen.unavailable}
     if shares["inputs_valid"] < HELD_ENOUGH:
         del shares["model_settled"], shares["trained_range"]  # they follow from the inputs
-    worst = sorted(shares, key=lambda name: shares[name])
-    named: set[tuple[str | None, str]] = set()  # signals with the reason that was told
-    for condition in worst:
-        if shares[condition] >= HELD_ENOUGH:
-            return
-        cause = _of_condition(condition, shares[condition], seen, asked)
-        if (cause.signal, cause.reason) not in named:
-            named.add((cause.signal, cause.reason))
-            yield cause
+    named = dict[tuple[str | None, str], Cause]()  # by signal and reason, the plainest first
+    for condition, share in sorted(shares.items(), key=itemgetter(1)):
+        if share < HELD_ENOUGH:
+            cause = _of_condition(condition, share, seen, asked)
+            named.setdefault((cause.signal, cause.reason), cause)
+    return [*named.values()]
 
 
 def _of_condition(condition: str, share: float, seen: Observation, asked: Asked) -> Cause:
     """Return the cause of one condition: of its signals, the one that is worst."""
-    if condition in ("inputs_valid", "model_settled"):
-        signal = _worst(seen, asked.card.input_names)
-    elif condition == "measured_valid":
-        signal = asked.card.output.name
-    elif condition == "trained_range":
-        ranges = [each for each in seen.ranges if each.condition == condition]
-        beside = [_beside(seen, each) for each in ranges]
-        signal = ranges[int(np.argmax(beside))].signal
-        output = asked.card.output.name
-        pinned = seen.of(output, Quality.PINNED)
-        if pinned > max(beside):
+    output = asked.card.output.name
+    worst = min(asked.card.input_names, key=lambda name: seen.of(name, Quality.GOOD))
+    signal = output if condition == "measured_valid" else enable.BY_NAME[condition].signal or worst
+    if condition == "trained_range":
+        beside = {name: sum(each) for name, (*each, _) in seen.outside(condition).items()}
+        most, pinned = max(beside.values()), seen.of(output, Quality.PINNED)
+        if pinned > most:
             advice = (
                 f"the sensor's reading stands at an end of its range in {_share(pinned, seen)}: "
                 "cold, broken, or in a fuel cut that the log does not tell; log fuel_cut or the "
                 "pulse width"
             )
             return Cause(condition, round(share, 6), output, "pinned", advice)
-        if max(beside) == 0:  # NaN is outside, too
-            signal = _worst(seen, asked.card.input_names)
-    else:
-        signal = enable.BY_NAME[condition].signal
+        if most:  # else it is NaN, which is outside, too
+            signal = max(beside, key=lambda name: beside[name])
     return Cause(condition, round(share, 6), signal, *_of_signal(condition, signal, seen, asked))
-
-
-def _worst(seen: Observation, names: Sequence[str]) -> str:
-    """Return the signal that was good on the fewest samples."""
-    return min(names, key=lambda name: seen.of(name, Quality.GOOD))
-
-
-def _beside(seen: Observation, each: Range) -> int:
-    place = seen.ranges.index(each)
-    return int(seen.below[place] + seen.above[place])
 
 
 def _of_signal(condition: str, signal: str, seen: Observation, asked: Asked) -> tuple[str, str]:
     """Return reason and advice for the signal of a condition that did not hold."""
-    outside = [each for each in seen.ranges if (each.condition, each.signal) == (condition, signal)]
-    beside = sum(_beside(seen, each) for each in outside)
+    below, above, limits = seen.outside(condition).get(signal, (0, 0, None))
+    beside = below + above
     bad = _bad(signal, seen, asked)
     if bad is not None and seen.samples - seen.of(signal, Quality.GOOD) >= beside:
         return bad
     if seen.is_constant(signal) and beside:
         return "constant", _constant(signal, seen, asked)
     remedy = enable.BY_NAME[condition].remedy
-    if not beside:
+    if limits is None or not beside:
         return "interrupted", remedy or f"{signal} is interrupted again and again"
-    place, each = seen.ranges.index(outside[0]), outside[0]
-    is_below = bool(seen.below[place] >= seen.above[place])
-    limit = f"{plain(each.low if is_below else each.high)}{_unit(signal)}"
-    side = "below" if is_below else "above"
+    reason = side = "below" if below >= above else "above"
+    limit = f"{plain(limits.low if below >= above else limits.high)}{_unit(signal)}"
     if condition == "trained_range":
+        reason = "untrained"
         remedy = "outside the model's training; check its unit, or train on such drives"
-    text = f"{signal} is {side} {limit} in {_share(beside, seen)}: {remedy}"
-    return ("untrained" if condition == "trained_range" else side), text
+    return reason, f"{signal} is {side} {limit} in {_share(beside, seen)}: {remedy}"
 
 
 def _bad(signal: str, seen: Observation, asked: Asked) -> tuple[str, str] | None:
@@ -206,16 +185,15 @@ def _bad(signal: str, seen: Observation, asked: Asked) -> tuple[str, str] | None
     reason = max(kinds, key=lambda name: kinds[name])
     if not kinds[reason]:
         return None
-    share = _share(kinds[reason], seen)
     if reason == "stale":
         return reason, _stale(signal, stale, source, seen)
+    share = _share(kinds[reason], seen)
     if reason == "invalid":
-        text = f"{signal} has no value in {share} ({source.place}): check sensor and map"
-        return reason, text
+        return reason, f"{signal} has no value in {share} ({source.place}): check sensor and map"
     limits = BY_NAME.get(signal)
     within = f", {limits.minimum:g} to {limits.maximum:g} {limits.unit} is" if limits else ""
-    text = f"{signal} is not plausible in {share}{within}: check unit, factor and offset"
-    return reason, f"{text} ({source.place})"
+    remedy = f"check unit, factor and offset ({source.place})"
+    return reason, f"{signal} is not plausible in {share}{within}: {remedy}"
 
 
 def _share(count: int, seen: Observation) -> str:
@@ -262,17 +240,14 @@ def _still_inputs(
     A controller that never moves stands in a loop that was never closed, whatever a flag says.
     found : causes of the conditions; None asks for the loop alone
     """
-    named = {each.signal for each in found or ()}
-    for signal in sorted(asked.card.input_names, key=lambda name: name != CONTROLLER):
-        is_loop = signal == CONTROLLER
-        is_asked = is_loop or (found is not None and signal not in named)
-        if is_asked and signal in seen.names and seen.is_constant(signal):
-            advice = _constant(signal, seen, asked)
-            if is_loop:
-                advice = f"the loop was never closed: {advice}"
-                yield Cause("closed_loop", 0.0, signal, "constant", advice)
-            else:
-                yield Cause("inputs_valid", None, signal, "constant", advice)
+    still = [n for n in asked.card.input_names if n in seen.names and seen.is_constant(n)]
+    if CONTROLLER in still:
+        advice = f"the loop was never closed: {_constant(CONTROLLER, seen, asked)}"
+        yield Cause("closed_loop", 0.0, CONTROLLER, "constant", advice)
+    named = {CONTROLLER, *(each.signal for each in found or ())}
+    for signal in still if found is not None else ():
+        if signal not in named:
+            yield Cause("inputs_valid", None, signal, "constant", _constant(signal, seen, asked))
 
 
 def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cause]:
@@ -299,20 +274,12 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
 
 def _dead(seen: Observation, asked: Asked) -> list[Cause]:
     """Return the cause of a sensor that was not alive when the recording ended."""
-    output = asked.card.output
     reason = dead_at_end(seen, asked.card, asked.config, asked.limits)
     if reason is None:
         return []
-    words = {
-        "stale": "came no longer",
-        "invalid": "had no value",
-        "out_of_range": "was out of range",
-        "not_ready": "was not ready",
-        "frozen": "did not move any more",
-        "pegged": "stood at the end of its range",
-    }[reason]
-    advice = f"{output.name} {words} when the recording ended: check the sensor, record further"
-    return [Cause("sensor_alive", None, output.name, reason, advice)]
+    name, words = asked.card.output.name, DEAD[reason]
+    advice = f"{name} {words} when the recording ended: check the sensor, record further"
+    return [Cause("sensor_alive", None, name, reason, advice)]
 
 
 def _place(signal: str, asked: Asked) -> str:

@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from monitor.base.config import PlausibilityConfig
-from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, QualityArray
-from monitor.judge.enable import CONDITIONS, Enable
+from monitor.judge.enable import CONDITIONS, Enable, Range
 
 _BATCH = 2048  # samples that are counted together; a live sample alone would cost more
 
@@ -51,6 +50,11 @@ class Observation:
         """Return on how many samples a signal had a quality."""
         return int(self.quality[quality, self.names.index(name)])
 
+    def outside(self, condition: str) -> dict[str, tuple[int, int, Range]]:
+        """Return by signal on how many samples it was below and above the condition's range."""
+        counts = zip(self.below.tolist(), self.above.tolist(), self.ranges, strict=True)
+        return {each[2].signal: each for each in counts if each[2].condition == condition}
+
     def is_constant(self, name: str) -> bool:
         """Return whether a signal had one good value only, over longer than it takes to move."""
         i = self.names.index(name)
@@ -80,20 +84,12 @@ class Observation:
         for i, (place, each) in enumerate(zip(self._places, self.ranges, strict=True)):
             self.below[i] += np.count_nonzero(values[:, place] < each.low)
             self.above[i] += np.count_nonzero(values[:, place] > each.high)
-        self._count_stale((quality == Quality.STALE) | (quality == Quality.OFF_BUS))
-        self.end_values, self.end_quality, self.end_conditions = (
-            np.concatenate(both)[-self._n_end :].copy()
-            for both in (
-                (self.end_values, values),
-                (self.end_quality, quality),
-                (self.end_conditions, conditions),
-            )
-        )
-        return self
-
-    def _count_stale(self, silent: BoolArray) -> None:
-        for i in np.flatnonzero(silent.any(axis=0)).tolist():
-            found = runs(silent[:, i])
-            goes_on = bool(self._was_silent[i]) and found[0][0] == 0
-            self.stale_runs[i] += len(found) - goes_on
+        silent = (quality == Quality.STALE) | (quality == Quality.OFF_BUS)
+        before = np.vstack([self._was_silent, silent[:-1]])
+        self.stale_runs += np.count_nonzero(silent & ~before, axis=0)
         self._was_silent = silent[-1].copy()
+        n = self._n_end
+        self.end_values = np.concatenate([self.end_values, values[-n:]])[-n:]
+        self.end_quality = np.concatenate([self.end_quality, quality[-n:]])[-n:]
+        self.end_conditions = np.concatenate([self.end_conditions, conditions[-n:]])[-n:]
+        return self
