@@ -13,7 +13,6 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.signals import BY_NAME, plausible_range, unit_of
-from monitor.base.types import BoolArray
 from monitor.controller.network import literal, vector
 from monitor.judge import bias, enable
 from monitor.judge.counters import ticks_to_mature
@@ -161,9 +160,9 @@ def _numbers(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
 
 
 def _of_conditions(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
-    yield "ENABLED", _least_mask(enable.ENABLED), "conditions"
-    yield "BURNING", _least_mask(enable.BURNING), "conditions with which a live sensor moves"
-    yield "AROUND_CUT", _least_mask(enable.AROUND_FUEL_CUT), "conditions that no fuel cut breaks"
+    yield "ENABLED", enable.ENABLED, "conditions"
+    yield "BURNING", enable.BURNING, "conditions with which a live sensor moves"
+    yield "AROUND_CUT", enable.AROUND_FUEL_CUT, "conditions that no fuel cut breaks"
     yield "NO_CUT", NO_CUT, "share of a tick with fuel cut"
     yield "PURGE_OPEN", source.config.enable.purge_open_percent, "%"
     yield "PURGE_STEP", source.config.enable.purge_step_percent, "%"
@@ -245,11 +244,6 @@ def _of_electrical(source: ExportSource) -> Iterator[tuple[str, float | bool, st
     yield "HEATER_FULL_PERCENT", own.heater_full_percent, "%"
     yield "HEATER_FULL", samples(own.heater_full_s), "samples"
     yield "HEATER_REGULATED", samples(own.heater_regulated_s), "samples"
-
-
-def _least_mask(holds: BoolArray) -> int:
-    """Return the conditions that a table over masks of conditions wants."""
-    return int(np.flatnonzero(holds)[0])
 
 
 def _conditions(source: ExportSource) -> Enable:

@@ -140,28 +140,23 @@ _VALID, _SETTLED, _TRAINED = _AT["inputs_valid"], _AT["model_settled"], _AT["tra
 _PURGE: Final = _AT["purge_steady"]
 _RECOVERING: Final = [_AT[each.name] for each in TABLE if each.recovery]
 
-_MASKS = np.arange(1 << len(CONDITIONS))
-
 
 def statement(name: str) -> str:
     """Return a condition as a statement; of a test, its name without underscores."""
     return BY_NAME[name].words if name in BY_NAME else name.replace("_", " ")
 
 
-def _where_all(names: Iterable[str]) -> BoolArray:
-    """Return for each mask of conditions whether all of ``names`` hold."""
-    bits = sum(1 << _AT[name] for name in names)
-    return np.asarray(_MASKS & bits == bits)
+def _mask(names: Iterable[str]) -> int:
+    return sum(1 << _AT[name] for name in names)
 
 
-# by the mask of a sample's conditions
-ENABLED: Final = _where_all(CONDITIONS)
-INPUTS_VALID: Final = _where_all(["inputs_valid"])
+ENABLED: Final = _mask(CONDITIONS)
+INPUTS_VALID: Final = _mask(["inputs_valid"])
 # a live sensor must move while these hold and the engine runs, whatever the model's state
-BURNING: Final = _where_all(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
+BURNING: Final = _mask(["measured_valid", "fuel_cut_recovered", "sensor_ready"])
 # nothing but a fuel cut, or the recovery from it, disables the sample, if anything does
-AROUND_FUEL_CUT: Final = _where_all(each.name for each in TABLE if not each.is_of_cut)
-IN_FUEL_CUT: Final = AROUND_FUEL_CUT & ~_where_all(["fuel_cut_recovered"])
+AROUND_FUEL_CUT: Final = _mask(each.name for each in TABLE if not each.is_of_cut)
+RECOVERED: Final = _mask(["fuel_cut_recovered"])
 
 
 def masks(conditions: BoolArray) -> NDArray[np.uint16]:
@@ -171,6 +166,11 @@ def masks(conditions: BoolArray) -> NDArray[np.uint16]:
     """
     packed = np.packbits(conditions, axis=1, bitorder="little")
     return packed.view("<u2")[:, 0]
+
+
+def holds(masks: NDArray[np.uint16], wanted: int) -> BoolArray:
+    """Return where all of the wanted conditions hold, (n,)."""
+    return np.asarray(masks & wanted == wanted)
 
 
 class Range(NamedTuple):

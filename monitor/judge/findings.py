@@ -3,11 +3,29 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from monitor.judge.response.estimates import Estimates, WindowEstimates
+from monitor.judge.bias import Bias
 from monitor.judge.response.movement import Moved
-from monitor.judge.response.rule import Response
+from monitor.judge.response.rule import Estimates, Response
 from monitor.judge.window import Outcome, Window
 from monitor.memory.dtc import Dtc
+
+
+class WindowEstimates(NamedTuple):
+    """Estimates of all rules after a window."""
+
+    response: Estimates
+    bias: Bias
+    moved: Moved
+
+    def as_dict(self) -> dict[str, float | str | None]:
+        """Return the estimates by name."""
+        return self.response._asdict() | {
+            "offset": self.bias.offset,
+            "offset_std": self.bias.offset_std,
+            "offset_beyond": self.bias.beyond,
+            "dead": self.moved.dead,
+            "holds": self.moved.holds,
+        }
 
 
 @dataclass(frozen=True, slots=True)

@@ -161,7 +161,7 @@ class SensorMonitor:
         own = block.part(begin, end)
         conditions = self.enable.push(own.values, own.quality)
         masks = enable.masks(conditions)
-        burning = enable.BURNING[masks]
+        burning = enable.holds(masks, enable.BURNING)
         electrical, running = self.electrical.push(own.values, own.quality, burning)
         found = Findings(
             driven=between(counting.driven, begin, end),
@@ -169,17 +169,18 @@ class SensorMonitor:
             electrical=electrical,
             behind=[(each.at, each) for each in self.catalyst.push(own.values, running)],
         )
-        segments = runs(enable.INPUTS_VALID[masks])
+        segments = runs(enable.holds(masks, enable.INPUTS_VALID))
         goes_on = begin == 0 and begin not in starts and bool(segments) and segments[0][0] == 0
         return Part(
             block=own,
             measured=own.values[:, self._output],
             conditions=conditions,
-            enabled=enable.ENABLED[masks],
+            enabled=enable.holds(masks, enable.ENABLED),
             segments=segments,
             found=found,
             windows=self.windows,
-            in_cut=enable.IN_FUEL_CUT[masks],
+            in_cut=enable.holds(masks, enable.AROUND_FUEL_CUT)
+            & ~enable.holds(masks, enable.RECOVERED),
             cut_windows=self._cut_windows,
             run=self._run if goes_on else None,
             predicted=np.full(end - begin, np.nan),

@@ -19,7 +19,7 @@ from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
 from monitor.judge.electrical.readiness import ENGINE
 from monitor.judge.electrical.suite import ElectricalTests
-from monitor.judge.enable import BURNING, Enable, masks
+from monitor.judge.enable import BURNING, Enable, holds, masks
 from monitor.memory.dtc_store import DtcStore
 from monitor.model.card import Channel
 from monitor.pipeline.behind import CUT, judge_behind
@@ -108,7 +108,7 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     output = Channel(OUTPUT, "-", 0.0, lean, lean, lean)
     enable = Enable(config.enable, names, (), OUTPUT, period_s)
     tests = ElectricalTests(config, names, output, period_s)
-    burning = BURNING[masks(enable.push(block.values, block.quality))]
+    burning = holds(masks(enable.push(block.values, block.quality)), BURNING)
     found, _ = tests.push(block.values, block.quality, burning)
     counters = Counters(TESTS, config, store)
     for k, result in found:

@@ -29,8 +29,9 @@ def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> Bo
 def moving_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
     """Return (n,) bool, True for samples on which a live sensor's reading moves."""
     names, block, _, held = _checked(recording, card, config)
+    burning = enable.holds(enable.masks(held), enable.BURNING)
     tests = ElectricalTests(config, names, card.output, card.period_ns * 1e-9)
-    return tests.must_move(block.values, block.quality, enable.BURNING[enable.masks(held)])
+    return tests.must_move(block.values, block.quality, burning)
 
 
 def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause]:

@@ -16,9 +16,8 @@ from monitor.judge.counters import Counters
 from monitor.judge.decision.plugins import Rule, RuleClass, opinion
 from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
-from monitor.judge.findings import Change, CutJudged, Facts, RuleOff, WindowJudged
+from monitor.judge.findings import Change, CutJudged, Facts, RuleOff, WindowEstimates, WindowJudged
 from monitor.judge.limits import Limits
-from monitor.judge.response.estimates import WindowEstimates
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import EDGES, Response
 from monitor.judge.trust import OF_MODEL
@@ -183,14 +182,7 @@ class Decisions:
             fault=fault,
             also=also,
             excited=found.excitation >= limits.excitation,
-            statistics=WindowEstimates(
-                response=found,
-                offset=bias.offset,
-                offset_std=bias.offset_std,
-                offset_beyond=bias.beyond,
-                dead=facts.moved.dead,
-                holds=facts.moved.holds,
-            ),
+            statistics=WindowEstimates(found, bias, facts.moved),
         )
 
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:

@@ -28,13 +28,30 @@ from monitor.judge.limits import Limits
 from monitor.judge.residual import whitened
 from monitor.judge.response.bank import Hypothesis
 from monitor.judge.response.claims import claims
-from monitor.judge.response.estimates import Estimates
 from monitor.judge.window import Opinion, Outcome
 
 EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 GAIN_KNOWN: Final = 1e-3  # information on a regression's gain before the drive: hardly any
 GAIN_FOLLOWS: Final = 0.05  # least gain of a regression: no sensor reads the mixture reversed
+
+
+class Estimates(NamedTuple):
+    """What the response rule estimates in a window, beside its verdict."""
+
+    excitation: float  # standard deviation of the prediction, output's unit
+    evidence: float  # log likelihood of the likeliest fault over the likeliest sound sensor
+    hypothesis: str  # the likeliest, "healthy" or a fault
+    lag_rich_to_lean_s: float = 0.0
+    lag_rich_to_lean_std_s: float = 0.0
+    lag_lean_to_rich_s: float = 0.0
+    lag_lean_to_rich_std_s: float = 0.0
+    dead_time_rich_to_lean_s: float = 0.0
+    dead_time_rich_to_lean_std_s: float = 0.0
+    dead_time_lean_to_rich_s: float = 0.0
+    dead_time_lean_to_rich_std_s: float = 0.0
+    gain: float | None = None  # None before any window
+    gain_std: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

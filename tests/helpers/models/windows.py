@@ -3,12 +3,14 @@
 import numpy as np
 
 from monitor.base.types import FloatArray
-from monitor.judge.bias import Outcome
-from monitor.judge.findings import WindowJudged
-from monitor.judge.response.estimates import Estimates, WindowEstimates
-from monitor.judge.window import Window
+from monitor.judge.bias import Bias
+from monitor.judge.findings import WindowEstimates, WindowJudged
+from monitor.judge.response.movement import Moved
+from monitor.judge.response.rule import Estimates
+from monitor.judge.window import Outcome, Window
 
-NOTHING_SEEN = WindowEstimates(Estimates(0.0, 0.0, "healthy"), 0.0, None, None, 0.0, 0.0)
+UNDECIDED = Bias("inconclusive", offset=0.0)
+NOTHING_SEEN = WindowEstimates(Estimates(0.0, 0.0, "healthy"), UNDECIDED, Moved(None, 0.0, 0.0))
 STILL = np.ones(50)
 
 

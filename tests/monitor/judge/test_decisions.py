@@ -13,9 +13,8 @@ from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.electrical.suite import RETURNS
 from monitor.judge.findings import DtcChanged, Facts
 from monitor.judge.limits import Limits
-from monitor.judge.response.estimates import Estimates
 from monitor.judge.response.movement import DEAD, Moved
-from monitor.judge.response.rule import Response
+from monitor.judge.response.rule import Estimates, Response
 from monitor.judge.trust import Trust
 from monitor.judge.window import Outcome, Window
 from monitor.memory.dtc import Status
