@@ -68,12 +68,11 @@ class Limits:
                 f"{where}: its limits are for windows of {card.window_samples} samples, "
                 f"[window] n_samples is {config.window.n_samples}"
             )
-        values = {name: card.limits[name].value for name in NAMES}
+        values = {k: own.value for k, own in card.limits.items() if k in (*NAMES, *OPTIONAL)}
         offset = values.pop("offset")
         if card.transform == "phi":
             offset = max(offset, config.bias.offset_limit_lambda)
             values["offset_std"] = max(values["offset_std"], config.bias.window_std_lambda)
-        values |= {name: card.limits[name].value for name in OPTIONAL if name in card.limits}
         return cls(
             **values,
             offset_low=-offset,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.runs import runs
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import BoolArray, FloatArray
 
 Outcome = Literal["passed", "failed", "inconclusive"]
 
@@ -17,7 +17,7 @@ Outcome = Literal["passed", "failed", "inconclusive"]
 class Opinion:
     """The finding of a rule on all windows so far."""
 
-    outcome: Outcome
+    outcome: Outcome = "inconclusive"
     fault: str | None = None  # one of the rule's, if failed
     also: tuple[str, ...] = ()  # others of its faults that explain as much
 
@@ -46,14 +46,6 @@ class Span(NamedTuple):
     begin: int
     end: int
     read: FloatArray  # (end - begin, n_hypotheses)
-
-
-class Series(NamedTuple):
-    """The samples of a block, as far as windows need them."""
-
-    t_ns: IntArray  # (n,)
-    measured: FloatArray  # (n,) output's unit
-    predicted: FloatArray  # (n,) output's unit
 
 
 class Windows:
@@ -85,39 +77,29 @@ class Windows:
         return found
 
     def push(
-        self, spans: Sequence[Span], series: Series, *, goes_on: bool
+        self, spans: Sequence[Span], series: Sequence[NDArray[Any]], *, goes_on: bool
     ) -> list[tuple[int, Window]]:
         """Return the windows that spans fill, each with the number of its last sample.
 
+        series : of the block: times in ns, measured and predicted values, (n,) each
         goes_on : the block's first sample may go on with the window begun
         """
         if self._filled and not (goes_on and spans and spans[0].begin == 0):
             self.discarded += 1
             self._begun, self._filled = [], 0
         found = []
-        for begin, end, read in spans:
-            self._begun.append([*(column[begin:end] for column in series), read])
+        for begin, end, bank in spans:
+            self._begun.append([*(column[begin:end] for column in series), bank])
             self._filled += end - begin
             if self._filled < self._n:
                 continue
             own = [np.concatenate(pieces) for pieces in zip(*self._begun, strict=True)]
             for k in range(self._n, self._filled + 1, self._n):
-                window = self._window(*(column[k - self._n : k] for column in own))
+                t_ns, *read = (column[k - self._n : k] for column in own)
+                times = t_ns.item(0), t_ns.item(-1)
+                window = Window(self.completed, *times, *read, is_cut=self._is_cut)
                 found.append((end - self._filled + k - 1, window))
+                self.completed += 1
             self._filled %= self._n
             self._begun = [[column[-self._filled :].copy() for column in own]] * (self._filled > 0)
         return found
-
-    def _window(
-        self, t_ns: IntArray, measured: FloatArray, predicted: FloatArray, bank: FloatArray
-    ) -> Window:
-        self.completed += 1
-        return Window(
-            index=self.completed - 1,
-            t_start_ns=t_ns.item(0),
-            t_end_ns=t_ns.item(-1),
-            measured=measured,
-            predicted=predicted,
-            bank=bank,
-            is_cut=self._is_cut,
-        )

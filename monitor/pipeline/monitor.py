@@ -22,7 +22,7 @@ from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
 from monitor.judge.limits import Limits
-from monitor.judge.window import Series, Window, Windows
+from monitor.judge.window import Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import Counting, Cycles
 from monitor.memory.dtc_store import DtcStore
@@ -210,7 +210,7 @@ class SensorMonitor:
 
     def _items(self, part: Part) -> At[Window]:
         """Return the windows that are complete, each with its last sample."""
-        series = Series(part.block.t_ns, part.measured, part.predicted)
+        series = part.block.t_ns, part.measured, part.predicted
         goes_on = part.run is not None
         windows = self.windows.push(part.spans, series, goes_on=goes_on)
         windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)

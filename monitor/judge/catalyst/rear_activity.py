@@ -11,7 +11,7 @@ nothing.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from monitor.base.config import Config
 from monitor.judge.catalyst.bank import MID_V
@@ -51,35 +51,27 @@ class RearActivity:
 
         A pause longer than ``follow_gap_s`` and a value that is not known end all trials untold.
         """
+        config, trials = self._config, self.trials
         known = math.isfinite(front_v) and math.isfinite(rear_v)
-        if not known or t_s - self._last_s > self._config.follow_gap_s:
+        if not known or t_s - self._last_s > config.follow_gap_s:
             self._front = self._rear = BETWEEN
             self._open.clear()
         self._last_s = t_s
         if not known:
             return False
-        self._rear = _side(self._rear, rear_v, self._config.follow_hysteresis_v)
+        self._rear = _side(self._rear, rear_v, config.follow_hysteresis_v)
         self._shown.add(self._rear)
-        front = _side(self._front, front_v, self._config.follow_hysteresis_v)
-        if front != self._front:
-            self._switch(t_s, front)
+        before, self._front = self._front, _side(self._front, front_v, config.follow_hysteresis_v)
+        if self._front != before:
+            for each in self._open:
+                each.end_s = min(each.end_s, t_s)
+            if before != BETWEEN and self._rear == -self._front:
+                self._open.append(_Excursion(self._front, t_s))
         for each in self._open:
             each.is_followed |= self._rear == each.side
             each.is_spoilt |= not burning
-        return self._close(t_s)
-
-    def _switch(self, t_s: float, front: int) -> None:
-        for each in self._open:
-            each.end_s = min(each.end_s, t_s)
-        if self._front != BETWEEN and self._rear == -front:
-            self._open.append(_Excursion(front, t_s))
-        self._front = front
-
-    def _close(self, t_s: float) -> bool:
-        """Count the excursions that are over for longer than the rear sensor may be late."""
-        config, trials = self._config, self.trials
-        over = [each for each in self._open if t_s > each.end_s + config.follow_late_s]
-        for each in over:
+        # those that are over for longer than the rear sensor may be late
+        for each in [e for e in self._open if t_s > e.end_s + config.follow_late_s]:
             self._open.remove(each)
             if not each.is_spoilt and each.end_s - each.begin_s <= config.follow_longest_s:
                 self.trials += 1
@@ -97,7 +89,7 @@ class RearActivity:
         """Return how the evidence stands for a catalyst that stores nothing."""
         claim = claim_of(self.log_odds, CATALYST, self._odds)
         may_be_dead = claim.outcome == "passed" and not self.shows_both_sides
-        return replace(claim, outcome="inconclusive") if may_be_dead else claim
+        return Claim(log_odds=self.log_odds) if may_be_dead else claim
 
 
 def _side(before: int, volts: float, hysteresis_v: float) -> int:

@@ -190,8 +190,8 @@ class CatalystRule:
     def catalyst(self) -> Claim:
         """Return how the evidence stands for a catalyst below the threshold."""
         total = self._restricted(self._evidence)
-        odds = _sum(total[:, self._is_low]) - _sum(total[:, self._is_sound])
-        return self._claim(odds, CATALYST)
+        low, sound = (_sum(total[:, capacity]) for capacity in (self._is_low, self._is_sound))
+        return self._likeliest({CATALYST: low}, sound)
 
     def sensor(self) -> Claim:
         """Return how the evidence stands for a faulty downstream sensor."""
@@ -219,12 +219,8 @@ class CatalystRule:
         name = max(each, key=lambda fault: each[fault])
         least = each[name] - self._odds.evidence_alike
         also = tuple(fault for fault in each if fault != name and each[fault] > least)
-        return self._claim(float(each[name] - sound), name, also)
-
-    def _claim(self, odds: float, fault: str, also: tuple[str, ...] = ()) -> Claim:
-        if not self.segments:
-            return Claim("inconclusive", log_odds=odds)
-        return claim_of(odds, fault, self._odds, also)
+        odds = float(each[name] - sound)
+        return claim_of(odds, name, self._odds, also) if self.segments else Claim(log_odds=odds)
 
     def capacity(self) -> Capacity | None:
         """Return the estimated capacity, None before any evidence."""
@@ -277,5 +273,4 @@ class CatalystRule:
 
 
 def _sum(log_weights: FloatArray) -> float:
-    """Return the logarithm of a sum, minus infinity of none."""
     return float(np.logaddexp.reduce(log_weights, axis=None))

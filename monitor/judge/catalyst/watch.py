@@ -41,26 +41,37 @@ class BehindResult(NamedTuple):
     results: tuple[TestResult, ...] = ()  # for service $06
 
 
-def balance_results(at: int, claim: Opinion) -> Iterator[BehindResult]:
-    """Yield the meanings of an upstream reading against the balance.
+def rule_results(at: int, rule: CatalystRule, config: CatalystConfig) -> Iterator[BehindResult]:
+    """Yield how the evidence of each test stands at the end of a segment."""
+    capacity = rule.capacity()
+    grams = capacity.grams if capacity else None
+    measured = tuple(_estimates(rule, config))
+    yield BehindResult(at, "catalyst", rule.catalyst(), grams, measured)
+    yield BehindResult(at, "downstream", rule.sensor(), grams)
+    for test, claim in _of_balance(rule.balance()):
+        yield BehindResult(at, test, claim, grams)
+
+
+def _of_balance(claim: Opinion) -> Iterator[tuple[str, Opinion]]:
+    """Yield the meanings of an upstream reading against the balance, each with its test.
 
     The ECU follows the upstream sensor: where it reads lean the mixture is rich, and the reverse.
     A leak behind the catalyst is no fault of the sensor.
     """
     balance = {"biased_lean": "balance_rich", "biased_rich": "balance_lean", LEAK: "balance_lean"}
     if claim.outcome != "failed":
-        yield BehindResult(at, "balance", claim)
+        yield "balance", claim
         return
     fault = claim.fault or ""
-    others = tuple(n for n in (fault, *claim.also) if n != LEAK)
-    sets_sensor = fault != LEAK and LEAK not in claim.also
-    also = () if sets_sensor else others
-    yield BehindResult(at, "balance", replace(claim, fault=balance[fault], also=also))
+    named = fault, *claim.also
+    sets_sensor = LEAK not in named
+    also = () if sets_sensor else tuple(name for name in named if name != LEAK)
+    yield "balance", replace(claim, fault=balance[fault], also=also)
     if sets_sensor:
-        yield BehindResult(at, "bias", replace(claim, also=()))
+        yield "bias", replace(claim, also=())
 
 
-def rule_results(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResult]:
+def _estimates(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResult]:
     """Yield the estimates of capacity and downstream sensor so far, with their limits."""
     capacity, threshold_g = rule.capacity(), config.threshold_g
     if capacity is None:
@@ -121,9 +132,9 @@ class CatalystMonitor:
         samples = zip(values.tolist(), running.tolist(), strict=True) if self._is_possible else ()
         for k, (sample, runs) in enumerate(samples):
             self._running += runs
-            rear = next((i for i in self._rear if math.isfinite(sample[i])), None)
-            if self.rule is None and rear is not None:
-                self.rule = self._rule_of(rear)
+            rear = (i for i in self._rear if math.isfinite(sample[i]))
+            if self.rule is None and (sensor := next(rear, None)) is not None:
+                self.rule = self._rule_of(sensor)
             yield from self._judged(k, sample, runs=runs)
 
     def _rule_of(self, sensor: int) -> CatalystRule:
@@ -163,17 +174,7 @@ class CatalystMonitor:
         counts = counts and air_g_s <= self._config.flow_most_g_s
         x = self._entering(_x_of(held[1]), _x_of(before[1]))
         if self.rule.push(x, air_g_s, held[0], counts=counts):
-            yield from self._concluded(k, self.rule)
-
-    def _concluded(self, k: int, rule: CatalystRule) -> Iterator[BehindResult]:
-        """Yield how the evidence of each test stands at the end of a segment."""
-        capacity = rule.capacity()
-        grams = capacity.grams if capacity else None
-        measured = tuple(rule_results(rule, self._config))
-        yield BehindResult(k, "catalyst", rule.catalyst(), grams, measured)
-        yield BehindResult(k, "downstream", rule.sensor(), grams)
-        for each in balance_results(k, rule.balance()):
-            yield each._replace(capacity_g=grams)
+            yield from rule_results(k, self.rule, self._config)
 
     def _wake(self) -> tuple[TestResult, ...]:
         """Return after how long the downstream sensor woke from a cold start, if it did."""
@@ -211,16 +212,15 @@ class CatalystMonitor:
             return None
         rule, capacity = self.rule, self.rule.capacity()
         claims = {"": rule.catalyst(), "sensor_": rule.sensor(), "balance_": rule.balance()}
+        is_bound = capacity is not None and capacity.is_bound
         found: dict[str, Any] = {
             "segments": rule.segments,
             "threshold_g": self._config.threshold_g,
-            "capacity_g": None if capacity is None else round(capacity.grams, 4),
-            "capacity_low_g": None if capacity is None else round(capacity.low_g, 4),
-            "capacity_high_g": None,
-            "capacity_is_bound": capacity is not None and capacity.is_bound,
+            "capacity_g": capacity and round(capacity.grams, 4),
+            "capacity_low_g": capacity and round(capacity.low_g, 4),
+            "capacity_high_g": None if is_bound else capacity and round(capacity.high_g, 4),
+            "capacity_is_bound": is_bound,
         }
-        if capacity is not None and not capacity.is_bound:
-            found["capacity_high_g"] = round(capacity.high_g, 4)
         for of, claim in claims.items():
             found |= {f"{of}verdict": claim.outcome, f"{of}log_odds": round(claim.log_odds, 3)}
         return found | {
@@ -231,5 +231,4 @@ class CatalystMonitor:
 
 
 def _x_of(lambda_upstream: float) -> float:
-    """Return 1 - 1/lambda."""
     return 1.0 - 1.0 / max(lambda_upstream, 0.1)

@@ -12,7 +12,7 @@ from monitor.base import config
 from monitor.base.types import Quality
 from monitor.judge import enable
 from monitor.judge.enable import CONDITIONS, Enable
-from monitor.judge.window import Series, Span, Window, Windows
+from monitor.judge.window import Span, Window, Windows
 from monitor.model.card import Channel
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -323,7 +323,7 @@ def fill(
             Span(begin, end, np.stack([k[begin:end], -k[begin:end]], axis=1).astype(float))
             for begin, end in subject.spans(usable, goes_on=True, is_last=True)
         ]
-        series = Series(k * 100, k.astype(float), k + 0.5)
+        series = k * 100, k.astype(float), k + 0.5
         if len(usable):
             windows += [window for _, window in subject.push(spans, series, goes_on=True)]
     return windows, subject
