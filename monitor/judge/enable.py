@@ -168,9 +168,9 @@ def masks(conditions: BoolArray) -> NDArray[np.uint16]:
     return packed.view("<u2")[:, 0]
 
 
-def holds(masks: NDArray[np.uint16], wanted: int) -> BoolArray:
-    """Return where all of the wanted conditions hold, (n,)."""
-    return np.asarray(masks & wanted == wanted)
+def holds(masks: NDArray[np.uint16], wanted: int, broken: int = 0) -> BoolArray:
+    """Return where all of the wanted conditions hold and none of the broken ones, (n,)."""
+    return np.asarray(masks & (wanted | broken) == wanted)
 
 
 class Range(NamedTuple):

@@ -95,9 +95,9 @@ class Windows:
                 continue
             own = [np.concatenate(pieces) for pieces in zip(*self._begun, strict=True)]
             for k in range(self._n, self._filled + 1, self._n):
-                t_ns, *read = (column[k - self._n : k] for column in own)
-                times = t_ns.item(0), t_ns.item(-1)
-                window = Window(self.completed, *times, *read, is_cut=self._is_cut)
+                t_ns, y, predicted, read = (column[k - self._n : k] for column in own)
+                begins, ends = t_ns.item(0), t_ns.item(-1)
+                window = Window(self.completed, begins, ends, y, predicted, read, self._is_cut)
                 found.append((end - self._filled + k - 1, window))
                 self.completed += 1
             self._filled %= self._n

@@ -179,8 +179,7 @@ class SensorMonitor:
             segments=segments,
             found=found,
             windows=self.windows,
-            in_cut=enable.holds(masks, enable.AROUND_FUEL_CUT)
-            & ~enable.holds(masks, enable.RECOVERED),
+            in_cut=enable.holds(masks, enable.AROUND_FUEL_CUT, enable.RECOVERED),
             cut_windows=self._cut_windows,
             run=self._run if goes_on else None,
             predicted=np.full(end - begin, np.nan),

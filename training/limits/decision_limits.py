@@ -53,14 +53,16 @@ def limits_of(
     long = [drive for drive in drives if len(drive) >= MINIMUM_WINDOWS] or [windows]
     noise, memory = _noise(long, card.transform)
     offsets, offset_std = healthy_offsets(_counted(long, config), config.bias)
+    each = [(abs(w.mean), w.std) for w in windows]
+    j_mu, j_sigma = np.quantile(each, PAPER_QUANTILE, axis=0)
     spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     where = f"{len(windows)} healthy windows, {origin}"
     quantile, unit = f"quantile {PAPER_QUANTILE}, {where}", card.output.unit
     phi = "-" if card.transform == "phi" else unit
     return {
-        "j_mu": Limit(_above_most(np.array([abs(w.mean) for w in windows])), unit, quantile),
-        "j_sigma": Limit(_above_most(np.array([w.std for w in windows])), unit, quantile),
+        "j_mu": Limit(float(j_mu), unit, quantile),
+        "j_sigma": Limit(float(j_sigma), unit, quantile),
         "noise": Limit(noise, phi, f"residual within windows, median drive of {where}"),
         "noise_memory": Limit(
             memory, "-", f"correlation of the residual's neighbouring samples, {where}"
@@ -124,11 +126,6 @@ def _noise(drives: Sequence[Sequence[WindowJudged]], transform: str) -> tuple[fl
         found.append((math.sqrt(power / x.size), memory))
     std, memory = np.median(found, axis=0)
     return float(std), min(max(float(memory), 0.0), MEMORY_MOST)
-
-
-def _above_most(values: FloatArray) -> float:
-    """Return a limit that one in a hundred of the values exceeds."""
-    return float(np.quantile(values, PAPER_QUANTILE))
 
 
 def set_limits(path: Path, unseen: Unseen, origin: str, config: Config) -> ModelCard:

@@ -48,7 +48,14 @@ def evaluate(
     washout = model.card.lags if washout is None else washout
     if washout < 0:
         raise UsageError(f"washout {washout}: must not be negative")
-    alarms = {"false_alarms": _alarms(model, recordings)} if healthy else {}
+    alarms: dict[str, Any] = {}
+    if healthy:
+        check_each_once(recordings)
+        settings = config.load()
+        limits = Limits.from_card(model.card, settings, str(model.path))
+        judged = judge_recordings(recordings, model, limits, settings)
+        found = false_alarms([*zip(recordings, judged, strict=True)], settings)
+        alarms = {"false_alarms": found}
     return {
         "schema": SCHEMA,
         "model": str(path),
@@ -88,14 +95,6 @@ def alarms_in_words(found: dict[str, Any]) -> str:
     )
 
 
-def _alarms(model: Model, recordings: Sequence[Recording]) -> dict[str, Any]:
-    check_each_once(recordings)
-    settings = config.load()
-    limits = Limits.from_card(model.card, settings, str(model.path))
-    judged = judge_recordings(recordings, model, limits, settings)
-    return false_alarms([*zip(recordings, judged, strict=True)], settings)
-
-
 def predict(
     model: Model, recording: Recording, washout: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
@@ -119,12 +118,9 @@ def predict(
             continue
         begin = first + int(valid[0])
         both.reset(u[begin], float(y[begin]))
-        pair = np.empty(2)
         for t in range(begin, stop):
             free[t], one_step[t] = both.step_batch(u[t])
-            pair[0] = y[t] if t < begin + washout else np.nan
-            pair[1] = y[t]
-            both.force_output(pair)
+            both.force_output(np.array([y[t] if t < begin + washout else np.nan, y[t]]))
         scored[begin + washout : stop] = np.isfinite(y[begin + washout : stop])
     return measured, free, one_step, scored
 
@@ -136,16 +132,14 @@ def _one(model: Model, recording: Recording, washout: int) -> dict[str, Any]:
             f"{recording.path}: no sample can be scored, the inputs or "
             f"{model.card.output.name} are never valid for more than {washout} samples"
         )
-    result: dict[str, Any] = {
+    enabled = scored & enabled_samples(recording, model.card, config.load())
+    return {
         "path": str(recording.path),
         "sha256": recording.sha256,
         "source": entry_of(Path(recording.path), recording.sha256).get("source"),
+        **_figures(model, measured, free, one_step, scored),
+        "enabled": _figures(model, measured, free, one_step, enabled) if enabled.any() else None,
     }
-    result |= _figures(model, measured, free, one_step, scored)
-    enabled = scored & enabled_samples(recording, model.card, config.load())
-    judged = enabled.any()
-    result["enabled"] = _figures(model, measured, free, one_step, enabled) if judged else None
-    return result
 
 
 def _figures(

@@ -8,6 +8,7 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, SampleBlock
 from monitor.judge import enable
+from monitor.judge.catalyst.watch import REAR
 from monitor.judge.causes.causes import Asked, Cause, causes
 from monitor.judge.causes.observation import Observation
 from monitor.judge.electrical.suite import ElectricalTests
@@ -16,6 +17,7 @@ from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
+from monitor.pipeline.names import needed_names
 from training.limits.side_by_side import Judged, RecordingJudge
 from training.recordings.recording import Recording
 
@@ -54,6 +56,7 @@ def most_common_cause(recordings: Sequence[Recording], card: ModelCard, config: 
 def judge(recording: Recording, model: Model, limits: Limits, config: Config) -> Judged:
     """Return the verdict of a monitor with empty fault memory on one driving cycle.
 
+    What stands behind the catalyst is not judged.
     Raises RecordingError if the recording lacks an input of the model.
     """
     return judge_recordings([recording], model, limits, config)[0]
@@ -101,8 +104,7 @@ def _checked(
 
 
 def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:
-    wanted = dict.fromkeys((*card.input_names, card.output.name, *enable.SIGNALS))
-    return tuple(name for name in wanted if name in recording.names)
+    return needed_names(card, [name for name in recording.names if name not in REAR])
 
 
 def _block(recording: Recording, names: Sequence[str]) -> SampleBlock:

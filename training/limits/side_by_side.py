@@ -25,6 +25,7 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Judge, SensorMonitor, slices
+from monitor.pipeline.replay import store_of
 
 _NONE = np.empty(0)
 _Kind = TypeVar("_Kind")
@@ -90,12 +91,9 @@ class RecordingJudge:
         clearings : of each recording's codes, by a tester; by default none
         """
         n = len(blocks)
-        if stores is None:
-            stores = [DtcStore(profile=self.steps.config.profile) for _ in blocks]
-            for store in stores:
-                store.start_driving_cycle()
+        kept = stores or [store_of(None, self.steps.config.profile) for _ in blocks]
         known: Sequence[Reference | None] = references or [None] * n
-        of_each = [*zip(blocks, stores, known, clearings or [()] * n, strict=True)]
+        of_each = [*zip(blocks, kept, known, clearings or [()] * n, strict=True)]
         judged: dict[int, Judged] = {}
         order = sorted(range(n), key=lambda i: -len(blocks[i].t_ns))  # alike together
         for first in range(0, n, self.rows):
@@ -105,7 +103,6 @@ class RecordingJudge:
         return [judged[i] for i in range(n)]
 
     def _push(self, runs: Sequence["_Run"]) -> None:
-        """Judge recordings to their ends."""
         while now := [(run, block) for run in runs for block in islice(run.blocks, 1)]:
             events = self.steps.push([run.monitor for run, _ in now], [block for _, block in now])
             for (run, _), own in zip(now, events, strict=True):
@@ -127,15 +124,15 @@ class _Run:
         reference: Reference | None,
         clearings: Sequence[Clearing],
     ) -> None:
-        self._judge, self._learns = judge, reference is not None
-        self._reference = reference or Reference()
+        self._judge, self._reference = judge, reference
         self.monitor = SensorMonitor(judge.steps, self._limits(), store)
         self._events: list[BlockEvent] = []
         self.blocks = self._parts(block, clearings)
 
     def _limits(self) -> Limits:
         """Return the limits of the vehicle as far as it is known."""
-        return self._judge.limits.of_vehicle(self._reference, self._judge.steps.config.bias)
+        known = self._reference or Reference()
+        return self._judge.limits.of_vehicle(known, self._judge.steps.config.bias)
 
     def _parts(self, block: SampleBlock, clearings: Sequence[Clearing]) -> Iterator[SampleBlock]:
         """Yield the recording in blocks; the codes are cleared between them."""
@@ -153,7 +150,7 @@ class _Run:
             event = replace(event, window=window)
         self._events.append(event)
         if isinstance(event, CycleStarted):
-            if self._learns and event.seen is not None:
+            if self._reference and event.seen:
                 bias = self._judge.steps.config.bias
                 self._reference = self._reference.learn(event.seen, bias)
             self.monitor.adopt(self._limits())
@@ -177,7 +174,7 @@ class _Run:
             dtcs=monitor.store.active,
             completed=monitor.decisions.completed,
             seen=monitor.decisions.seen,
-            reference=self._reference,
+            reference=self._reference or Reference(),
             limits=monitor.limits,
             behind=monitor.catalyst.entry(),
             explained=monitor.decisions.facts.response.explained,

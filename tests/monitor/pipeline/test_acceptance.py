@@ -40,9 +40,7 @@ def test_the_model_follows_an_unseen_wltc(drives: Drives) -> None:
     assert 0.95 <= metrics.slope(measured, predicted) <= 1.05
 
 
-def test_predictions_forget_their_history_within_fifty_samples(
-    drives: Drives,
-) -> None:
+def test_predictions_forget_their_history_within_fifty_samples(drives: Drives) -> None:
     # GIVEN forty stretches of an unseen drive, each begun from sixteen histories of phi
     block, names = drives[1]
     model = Model.load(shipped_model(), batch=16)
@@ -60,9 +58,7 @@ def test_predictions_forget_their_history_within_fifty_samples(
         assert np.ptp(1.0 / predicted) <= 0.01
 
 
-def test_healthy_drives_of_many_seeds_get_no_code_and_are_judged(
-    drives: Drives,
-) -> None:
+def test_healthy_drives_of_many_seeds_get_no_code_and_are_judged(drives: Drives) -> None:
     blocks, (names, *_) = zip(*drives, strict=True)
     results = RecordingJudge(names, MODEL, LIMITS, SETTINGS).judge(blocks)
     assert [each.dtcs for each in results] == [[]] * len(HEALTHY_SEEDS)

@@ -1,5 +1,6 @@
 """Why healthy recordings give no windows: fit and calibrate name the column at fault."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -35,3 +36,9 @@ def test_a_column_of_zeros_is_named_instead_of_more_recordings(tmp_path: Path) -
 
 def test_nothing_is_wrong_with_an_ordinary_drive(tmp_path: Path) -> None:
     assert why_not(recording(tmp_path / "drive.csv"), CARD, CONFIG) == []
+
+
+def test_a_short_drive_is_to_last_as_long_as_its_model_remembers(tmp_path: Path) -> None:
+    slow = replace(CARD, checks={"contraction": {"samples": 400}})
+    short = recording(tmp_path / "drive.csv").part(0, 30)
+    assert why_not(short, slow, CONFIG)[0].advice.endswith("at least 45 s are wanted")

@@ -20,6 +20,7 @@ from tests.training.limits.test_still import LOG, healthy
 from training.limits.judging import judge
 from training.limits.trust import LIMIT_FAULTS, MOST_DRIVES, put_on, trust_of
 from training.narx.export import update_card
+from training.recordings.recording import load
 
 SETTINGS = config.load()
 MODEL = Model.load(shipped_model())
@@ -40,6 +41,11 @@ def test_a_fault_that_the_model_has_mistaken_sets_no_code(fault: str) -> None:
     assert fault not in codes(mistaken, fault)
     # AND other faults are found as before
     assert codes(mistaken, "slow_symmetric") == codes(LIMITS, "slow_symmetric")
+
+
+def test_a_heater_that_failed_is_named_in_training_as_in_a_replay() -> None:
+    drive = load(LOG.with_name("heater_micro_trips_v123_s140.blf"))
+    assert [dtc.fault for dtc in judge(drive, MODEL, LIMITS, SETTINGS).dtcs] == ["heater"]
 
 
 def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:

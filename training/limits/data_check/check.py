@@ -4,8 +4,7 @@ Every finding has a level: ok, warning (the training works, the model suffers) o
 training is impossible or useless). Its text compares the recordings with the requirement.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,41 +29,42 @@ def check(
     """
     findings = [DataFinding("error", "file", text) for text in unreadable]
     figures: dict[str, Any] = {"coverage": None, "excitation": []}
-    all_well = DataFinding("ok", "missing channels", "every recording has all signals")
-    findings += [*_signals(recordings, inputs, output)] or [all_well]
+    named = _signals(recordings, inputs, output)
+    findings += _or_well(named, "missing channels", "every recording has all signals")
     findings += _files(recordings)
     if not any(f.level == "error" for f in findings):
         data, on_samples = usable(recordings, inputs, output)
         findings += on_samples
         if data.u:
             findings.append(enough(recordings, data, len(inputs), output))
-            findings.append(closed_loop(recordings, data))
-            findings.append(covered(recordings, figures))
-            moving = DataFinding("ok", "excitation", "every input moves")
-            findings += [*excited(recordings, data, inputs, figures)] or [moving]
+            findings += [closed_loop(recordings, data), covered(recordings, figures)]
+            moves = excited(recordings, data, inputs, figures)
+            findings += _or_well(moves, "excitation", "every input moves")
             text = f"no input is a scaled or shifted copy of {output} (within {COPY_LAGS} samples)"
-            findings += [*copies(data, inputs, output)] or [DataFinding("ok", "leak", text)]
+            findings += _or_well(copies(data, inputs, output), "leak", text)
     return {
         "schema": SCHEMA,
         "usable": not any(f.level == "error" for f in findings),
         "inputs": list(inputs),
         "output": output,
-        "recordings": [_recording(r) for r in recordings],
-        "findings": [asdict(f) for f in findings],
+        "recordings": [
+            {
+                "path": str(r.path),
+                "sha256": r.sha256,
+                "samples": len(r.t_s),
+                "period_s": r.period_ns / 1e9,
+                "duration_s": len(r.t_s) * (r.period_ns / 1e9),
+                "source": entry_of(Path(r.path), r.sha256).get("source"),
+            }
+            for r in recordings
+        ],
+        "findings": [f._asdict() for f in findings],
         **figures,
     }
 
 
-def _recording(r: Recording) -> dict[str, Any]:
-    period_s = r.period_ns / 1e9
-    return {
-        "path": str(r.path),
-        "sha256": r.sha256,
-        "samples": len(r.t_s),
-        "period_s": period_s,
-        "duration_s": len(r.t_s) * period_s,
-        "source": entry_of(Path(r.path), r.sha256).get("source"),
-    }
+def _or_well(found: Iterable[DataFinding], topic: str, text: str) -> list[DataFinding]:
+    return [*found] or [DataFinding("ok", topic, text)]
 
 
 def _signals(
@@ -87,17 +87,15 @@ def _signals(
 
 def _files(recordings: Sequence[Recording]) -> Iterator[DataFinding]:
     """Yield the findings on periods and files."""
+    known: dict[str, Recording] = {}
     for r in recordings:
-        first = recordings[0]
+        first, same = recordings[0], known.setdefault(r.sha256, r)
         if r.period_ns != first.period_ns:
             text = (
                 f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
                 f"{first.period_ns / 1e9:g} s; one grid is wanted (--period)"
             )
             yield DataFinding("error", "sample period", text)
-    known: dict[str, Recording] = {}
-    for r in recordings:
-        if r.sha256 in known:
-            text = f"{r.path}: the same as {known[r.sha256].path}; held-out blocks would leak"
+        if same is not r:
+            text = f"{r.path}: the same as {same.path}; held-out blocks would leak"
             yield DataFinding("error", "repeated file", text)
-        known.setdefault(r.sha256, r)

@@ -54,7 +54,7 @@ def section(result: dict[str, Any]) -> str:
 
 def _reason(result: dict[str, Any]) -> str:
     """Return the topics that stand against the recordings, the errors first."""
-    topics = [f["topic"] for level in ("error", "warning") for f in _of(result, level)]
+    topics = [f["topic"] for f in _worst_first(result) if f["level"] != "ok"]
     return f" Against it: {', '.join(dict.fromkeys(topics))}." if topics else ""
 
 
@@ -67,16 +67,15 @@ def _confidence(result: dict[str, Any]) -> str:
     )
 
 
-def _of(result: dict[str, Any], level: str) -> list[dict[str, Any]]:
-    return [f for f in result["findings"] if f["level"] == level]
+def _worst_first(result: dict[str, Any]) -> list[dict[str, Any]]:
+    return sorted(result["findings"], key=lambda f: ("error", "warning", "ok").index(f["level"]))
 
 
 def _view(result: dict[str, Any]) -> dict[str, Any]:
-    worst_first = {"error": 0, "warning": 1, "ok": 2}
     coverage = result["coverage"]
     return {
         "headline": _headline(result),
-        "findings": sorted(result["findings"], key=lambda f: worst_first[f["level"]]),
+        "findings": _worst_first(result),
         "excitation": result["excitation"],
         "coverage": _coverage(coverage) if coverage else None,
     }

@@ -35,8 +35,7 @@ def covered(recordings: Sequence[Recording], figures: dict[str, Any]) -> DataFin
     if not (speed and load):
         text = "no columns of engine speed and load in all recordings: coverage is not judged"
         return DataFinding("ok", "coverage", text)
-    pairs = [np.column_stack([r.column(speed), r.column(load)]) for r in recordings]
-    both = np.concatenate(pairs)
+    both = np.concatenate([np.column_stack([r.column(speed), r.column(load)]) for r in recordings])
     both = both[np.isfinite(both).all(axis=1)]
     if not len(both):
         return DataFinding("warning", "coverage", f"{speed} and {load} are never valid together")

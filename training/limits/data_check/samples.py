@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +26,7 @@ OUTLIERS = 0.001  # share of outliers above which sensor or decoding is suspect
 CLOSED_LOOP = 0.5  # least share of enabled samples; warm drives have 0.7 and more
 
 
-@dataclass(frozen=True, slots=True)
-class DataFinding:
+class DataFinding(NamedTuple):
     """One finding of the data check."""
 
     level: str  # ok, warning or error
@@ -106,20 +106,16 @@ def enough(
     least = Spec(n_inputs, LAGS, SMALLEST).n_weights
     wanted_s = MINIMUM_WINDOWS * WINDOW * period_s
     text, level = f"{duration(seconds)} usable", "ok"
+    enabled_s, is_lambda = data.enabled * period_s, output_transform(output) == "phi"
     if data.samples < least:
         text += f": {data.samples} samples, even {SMALLEST[0]} neurons have {least} weights"
         level = "error"
-    elif output_transform(output) != "phi":
-        pass
-    elif seconds < GROUP * BLOCK_S:
+    elif is_lambda and seconds < GROUP * BLOCK_S:
         text += f", at least {duration(GROUP * BLOCK_S)} are wanted to hold out whole blocks"
         level = "warning"
-    elif data.enabled * period_s < wanted_s:
-        text += (
-            f", {duration(data.enabled * period_s)} in the enabled region; {duration(wanted_s)} "
-            "are wanted to set limits"
-        )
-        level = "warning"
+    elif is_lambda and enabled_s < wanted_s:
+        text += f", {duration(enabled_s)} in the enabled region; {duration(wanted_s)} are wanted "
+        text, level = f"{text}to set limits", "warning"
     return DataFinding(level, "duration", text)
 
 
