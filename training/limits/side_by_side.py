@@ -25,7 +25,6 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Judge, SensorMonitor, slices
-from monitor.pipeline.replay import store_of
 
 _NONE = np.empty(0)
 _Kind = TypeVar("_Kind")
@@ -91,9 +90,12 @@ class RecordingJudge:
         clearings : of each recording's codes, by a tester; by default none
         """
         n = len(blocks)
-        kept = stores or [store_of(None, self.steps.config.profile) for _ in blocks]
+        if stores is None:
+            stores = [DtcStore(profile=self.steps.config.profile) for _ in blocks]
+            for store in stores:
+                store.start_driving_cycle()
         known: Sequence[Reference | None] = references or [None] * n
-        of_each = [*zip(blocks, kept, known, clearings or [()] * n, strict=True)]
+        of_each = [*zip(blocks, stores, known, clearings or [()] * n, strict=True)]
         judged: dict[int, Judged] = {}
         order = sorted(range(n), key=lambda i: -len(blocks[i].t_ns))  # alike together
         for first in range(0, n, self.rows):

@@ -15,7 +15,6 @@ from monitor.base.config import ResponseConfig
 from monitor.base.types import FloatArray
 
 DIRECTIONS = ("rich_to_lean", "lean_to_rich", "symmetric")
-_STEPS = 32  # worked on at once: as much as fits into the processor's cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +99,15 @@ class Bank:
         """
         past = np.array([state.past for state in states])
         signals = np.concatenate([past, values], axis=1)
+        lags = self._lags(values, np.array([state.lags for state in states]).T)
         read = [np.empty((end - begin, self._width)) for _, begin, end in spans]
-        for own, (row, begin, _) in zip(read, spans, strict=True):
+        for own, (row, begin, end) in zip(read, spans, strict=True):
             self._read_late(own, signals[row], begin)
-        lags = self._read_slow(read, values, lengths, states, spans)
-        rows = zip(lengths, signals, lags, strict=True)
-        return read, [BankState(x, row[n : n + self._n_past].copy()) for n, row, x in rows]
+            own[:, 1 : 1 + self._n_slow] = lags[row, begin:end]
+        return read, [
+            BankState(lags[row, n - 1].copy(), signals[row, n : n + self._n_past].copy())
+            for row, n in enumerate(lengths)
+        ]
 
     def _read_late(self, read: FloatArray, signal: FloatArray, begin: int) -> None:
         """Fill in the signal as many steps before each sample as each dead time says."""
@@ -122,34 +124,11 @@ class Bank:
         np.minimum(late, now, out=read[:, -2 * n : -n])
         read[:, -n:] = late
 
-    def _read_slow(
-        self,
-        read: Sequence[FloatArray],
-        values: FloatArray,
-        lengths: Sequence[int],
-        states: Sequence[BankState],
-        spans: Sequence[tuple[int, int, int]],
-    ) -> list[FloatArray]:
-        """Fill in the lags' readings; return each lag's reading at the end of each signal."""
-        x = np.array([state.lags for state in states]).T  # (n_slow, rows)
-        ends = [state.lags for state in states]
-        for low, high, rows in phases(lengths):
-            for first in range(low, high, _STEPS):
-                stop = min(first + _STEPS, high)
-                seen = self._run_slow(x[:, :rows].copy(), values[:rows, first:stop])
-                x, by_row = seen[-1], seen.transpose(2, 0, 1)
-                for own, (row, begin, end) in zip(read, spans, strict=True):
-                    if begin < stop and end > first:
-                        a, b = max(begin, first), min(end, stop)
-                        place = slice(1, 1 + self._n_slow)
-                        own[a - begin : b - begin, place] = by_row[row, a - first : b - first]
-                for row in range(rows):
-                    if first < lengths[row] <= stop:
-                        ends[row] = by_row[row, lengths[row] - 1 - first].copy()
-        return ends
+    def _lags(self, values: FloatArray, x: FloatArray) -> FloatArray:
+        """Return the lags' readings of (rows, n) values, (rows, n, n_slow).
 
-    def _run_slow(self, x: FloatArray, values: FloatArray) -> FloatArray:
-        """Return the lags' readings of (rows, n) values, (n, n_slow, rows); x : before them."""
+        x : (n_slow, rows) before them
+        """
         n, fall, share = self._n_lags, np.empty_like(x), np.repeat(self._share, x.shape[1], axis=1)
         seen = np.empty((values.shape[1], *x.shape))
         rises, falls = fall[:n], fall[n : 2 * n]
@@ -162,4 +141,4 @@ class Bank:
             np.minimum(falls, to_rich, out=to_rich)
             np.add(x, step, step)
             x = step
-        return seen
+        return seen.transpose(2, 0, 1)
