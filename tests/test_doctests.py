@@ -22,9 +22,7 @@ def test_the_public_names_have_examples() -> None:
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_every_example_gives_what_it_says(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_example_is_true(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     ran = doctest.testmod(import_module(name))
     assert ran.attempted > 0

@@ -131,9 +131,7 @@ def test_every_number_beyond_its_bounds_is_refused(tmp_path: Path) -> None:
         ("bias", "n_windows", "1"),
     ],
 )
-def test_a_value_on_the_boundary_is_taken(
-    tmp_path: Path, section: str, key: str, value: str
-) -> None:
+def test_a_value_on_a_boundary_is_taken(tmp_path: Path, section: str, key: str, value: str) -> None:
     own = config.load(file_of(tmp_path, f"[{section}]\n{key} = {value}\n"))
     held = getattr(getattr(own, section), key)
     assert held == (tuple(tomllib.loads(f"x={value}")["x"]) if "[" in value else float(value))

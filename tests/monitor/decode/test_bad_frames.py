@@ -40,9 +40,7 @@ def test_a_stuck_counter_is_counted_and_the_message_counts_as_missing(
     assert [d["code"] for d in recording["dtcs"]] == ["U0100"]
 
 
-def test_a_message_that_stops_blocks_the_judgement_and_is_counted(
-    ninety_seconds: Path, tmp_path: Path
-) -> None:
+def test_a_message_that_stops_blocks_and_is_counted(ninety_seconds: Path, tmp_path: Path) -> None:
     def stop(frames: list[Frame]) -> list[Frame]:
         end = frames[0].t_ns + 40_000_000_000
         return [f for f in frames if f.can_id != FUEL_ID or f.t_ns < end]

@@ -174,9 +174,7 @@ def test_not_ready_tells_so_and_gives_no_reading_and_invalid_gives_none_though_r
         assert decoded(out, "sensor_ready") == [ready] * 3
 
 
-def test_a_map_that_cannot_say_not_available_refuses_such_faults_and_holds_through_drop_outs() -> (
-    None
-):
+def test_a_map_that_cannot_say_not_available_refuses_such_faults_and_holds_in_drop_outs() -> None:
     for name in ("not_ready", "signal_invalid"):
         with pytest.raises(SignalMapError, match="rusefi"):
             Injector(RUSEFI, [Injection.of(name)])
@@ -339,9 +337,7 @@ frame_lists = st.lists(
     st.lists(st.sampled_from([n for n in NAMES if n != "frame_flood"]), max_size=4),
     st.booleans(),
 )
-def test_any_frames_with_any_faults_are_survived(
-    frames: list[Frame], names: list[str], keep: bool
-) -> None:
+def test_any_frame_and_fault_is_survived(frames: list[Frame], names: list[str], keep: bool) -> None:
     injector = Injector(OWN, [Injection.of(name) for name in names], keep_counters=keep)
     out = list(injector.stream(frames))
     counts = injector.counts

@@ -131,9 +131,7 @@ def channels(draw: st.DrawFn) -> BusChannel:
 
 
 @given(channels(), st.data())
-def test_a_signal_anywhere_is_read_and_written_as_cantools_has_it(
-    channel: BusChannel, data: st.DataObject
-) -> None:
+def test_a_signal_anywhere_is_as_cantools_has_it(channel: BusChannel, data: st.DataObject) -> None:
     message, mapped, writer = channel.message, channel.mapped, SignalWriter(channel)
     payload = data.draw(st.binary(min_size=message.length, max_size=message.length))
 

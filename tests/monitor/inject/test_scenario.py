@@ -104,9 +104,7 @@ EXPECT = '[[expect]]\ncode = "P2A00"\n'
         ("title = ", "not a TOML file"),
     ],
 )
-def test_what_is_wrong_in_a_scenario_is_named_with_its_file_and_key(
-    tmp_path: Path, text: str, says: str
-) -> None:
+def test_a_wrong_scenario_is_named_with_file_and_key(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(ConfigError) as caught:
         read(tmp_path, text)
     assert str(caught.value).startswith(f"{tmp_path / 's.toml'}: ")

@@ -33,9 +33,7 @@ OFFSETS: dict[str, tuple[Trace, tuple[str, float] | None, float | None]] = {
 
 
 @pytest.mark.parametrize("offset", OFFSETS)
-def test_a_vehicles_own_offset_is_one_that_no_code_tells_of_and_a_healthy_one_may_have(
-    offset: str,
-) -> None:
+def test_a_vehicles_offset_is_one_no_code_tells_of_and_a_healthy_one_may_have(offset: str) -> None:
     trace, code, wanted = OFFSETS[offset]
     recording: dict[str, Any] = {
         "dtcs": [{"fault": code[0], "t_s": code[1]}] if code else [],

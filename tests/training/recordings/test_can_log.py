@@ -235,9 +235,7 @@ def run(*words: object) -> int:
     return code
 
 
-def test_log_and_table_commands_undo_each_other(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_log_and_table_undo_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, log, back = tmp_path / "a.csv", tmp_path / "a.asc", tmp_path / "b.parquet"
     names = ["lambda_measured", "maf_kg_h"]
     rows = np.repeat([[1.0, 20.0], [1.5, 30.0]], 25, axis=0)

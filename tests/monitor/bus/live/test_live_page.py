@@ -221,9 +221,7 @@ def test_the_page_fits_every_screen_and_scheme(
         assert background == {"light": "rgb(245, 246, 248)", "dark": "rgb(18, 22, 28)"}[scheme]
 
 
-def test_a_stream_that_breaks_is_said_and_comes_back(
-    browser: Browser, late_sensor: list[Frame]
-) -> None:
+def test_a_broken_stream_is_said_and_comes_back(browser: Browser, late_sensor: list[Frame]) -> None:
     with Player() as player, browser.new_page() as page:
         player.push(late_sensor[:3000])
         page.goto(player.url)
