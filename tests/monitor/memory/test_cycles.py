@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from monitor.base import config
@@ -275,7 +275,11 @@ def recordings(draw: st.DrawFn) -> SampleBlock:
     return samples(*stretches)._replace(t_ns=t_ns)
 
 
+SLEPT = samples(lasting(DRIVE, 700.0), lasting(IDLE, 35.0), lasting(SILENCE, 15.0), STAND, START)
+
+
 @inputs(60)
+@example(block=SLEPT, missing=set(), order=range(len(NAMES)), cuts=[715, 742])
 @given(
     block=recordings(),
     missing=st.sets(st.sampled_from(SIGNALS), max_size=2),
