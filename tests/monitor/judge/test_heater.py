@@ -56,5 +56,5 @@ def test_a_duty_that_was_never_regulated_tells_nothing_of_a_sensor_that_is_ready
 
 @given(st.integers(1, 700))
 def test_a_heater_is_judged_alike_wherever_blocks_begin(block: int) -> None:
-    values = drive((20.0, 0.0, 100.0), (60.0, 1.0, 40.0), (50.0, 1.0, 100.0), (130.0, 0.0, 100.0))
-    assert failures(values, block) == failures(values) != {}
+    values = drive((20.0, 0.0, 100.0), (60.0, 1.0, 40.0), (130.0, 1.0, 100.0), (130.0, 0.0, 45.0))
+    assert failures(values, block) == failures(values) == {"heater": 2000, "not_ready": 2700}
