@@ -185,7 +185,8 @@ def of_messages(
     is_silent = not any(each.is_present(result.end_ns) for each in result.signals)
     if ages_ns and is_silent:
         yield BusFinding("stopped", {"silent": plain(min(ages_ns) / 1e9, 2)})
-    troubled = [each for each in seen if each.state != AS_WANTED]
+    untold = (AS_WANTED, *(("too_slow", "too_fast") if is_silent else ()))
+    troubled = [each for each in seen if each.state not in untold]
     for each in troubled:
         facts = {"message": f"{each.plan.name} ({each.identifier})"}
         facts |= {"names": ", ".join(each.names), "lengths": " and ".join(map(str, each.lengths))}

@@ -67,7 +67,6 @@ class LiveFeed(Attachment):
         self._counts = Counter[str]()  # windows by verdict
         self._slow_s = -math.inf
         self._absent: Collection[str] = ()
-        self._is_alive = True
         self.dropped = 0
         self._news: dict[str, Any] = {  # for the next message, beside the events
             "run": str(time.time_ns()),  # a page of an earlier run loads itself anew
@@ -94,13 +93,12 @@ class LiveFeed(Attachment):
 
     def work(self, now_s: float) -> Iterable[Frame]:
         """Write the gathered events, four times a second."""
-        if now_s >= self.due_s and self._is_alive:
+        if now_s >= self.due_s:
             self.due_s = now_s + MESSAGE_S
             try:
                 if self._server.is_free:
                     self._server.send(self._message(now_s))
             except BrokenPipeError:
-                self._is_alive = False
                 self.due_s = math.inf
                 self._say("the live page's server has died; judging goes on without the page")
         return ()
