@@ -1,6 +1,7 @@
 """The drives of a scenario: a log or table with its faults, written, judged or both."""
 
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import chain
@@ -82,21 +83,21 @@ def _log_drive(
     is_polled = ANSWER in keys
     blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)
     read = chain.from_iterable(map(frames_of, blocks))
-    frames = injector.stream(_alone(read) if is_polled else read)
+    frames = injector.stream(_alone(read, injector.counts.changed) if is_polled else read)
     with tempfile.TemporaryDirectory(prefix="o2mon-") as folder:
         written = out or Path(folder, f"{log.name}.log")
         write_log(written, frames, setup.bus_map.log_channel)
+        if out:
+            _note(out, log, scenario.faults_of(drive))
         entry = replay(written, setup, memory)[0] if memory else None
     counts = injector.counts
     counts.changed.update(timeline.counters.found | {"error and remote frames": found.skipped})
     for line in (*counts.lines(), *found.notes):
         say(f"{out or log}: {line}")
-    if out:
-        _note(out, log, scenario.faults_of(drive))
     return entry and {**entry, "path": str(out or log)}
 
 
-def _alone(frames: Iterable[Frame]) -> Iterator[Frame]:
+def _alone(frames: Iterable[Frame], counts: Counter[str]) -> Iterator[Frame]:
     """Leave out the OBD answers of several frames; each of their parameters has a frame beside."""
     several = set[tuple[int, bool]]()
     for frame in frames:
@@ -108,6 +109,7 @@ def _alone(frames: Iterable[Frame]) -> Iterator[Frame]:
             elif kind != 2:
                 several.discard(ecu)
             if ecu in several:
+                counts["frames of answers taken apart"] += 1
                 continue
         yield frame
 
