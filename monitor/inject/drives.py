@@ -3,6 +3,7 @@
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -17,7 +18,7 @@ from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
 from monitor.grid.tables import Table, is_table
 from monitor.grid.timeline import Timeline
-from monitor.inject.expected import Recording, fresh_memory
+from monitor.inject.expected import Recording
 from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
@@ -48,12 +49,15 @@ def play(
     say : takes lines about what was changed
     Raises O2Error if the recording cannot be read, written or judged, or a fault is not for it.
     """
-    if is_table(recording):
-        table = table_of_model(recording, setup.columns, setup.model.card)
-        drive_of = partial(_table_drive, table)
-    else:
-        drive_of = partial(_log_drive, recording)
-    with fresh_memory() as memory:
+    with (
+        tempfile.TemporaryDirectory(prefix="o2mon-") as folder,
+        closing(Memory(Path(folder, "memory.db"))) as memory,
+    ):
+        if is_table(recording):
+            table = table_of_model(recording, setup.columns, setup.model.card)
+            drive_of = partial(_table_drive, table)
+        else:
+            drive_of = partial(_log_drive, recording, Path(folder, f"{recording.name}.log"))
         entries = [
             drive_of(scenario, drive, setup, memory if judges else None, place(drive), say)
             for drive in range(1, scenario.n_drives + 1)
@@ -63,6 +67,7 @@ def play(
 
 def _log_drive(
     log: Path,
+    fleeting: Path,
     scenario: Scenario,
     drive: int,
     setup: Setup,
@@ -84,12 +89,11 @@ def _log_drive(
     blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)
     read = chain.from_iterable(map(frames_of, blocks))
     frames = injector.stream(_alone(read, injector.counts.changed) if is_polled else read)
-    with tempfile.TemporaryDirectory(prefix="o2mon-") as folder:
-        written = out or Path(folder, f"{log.name}.log")
-        write_log(written, frames, setup.bus_map.log_channel)
-        if out:
-            _note(out, log, scenario.faults_of(drive))
-        entry = replay(written, setup, memory)[0] if memory else None
+    written = out or fleeting
+    write_log(written, frames, setup.bus_map.log_channel)
+    if out:
+        _note(out, log, scenario.faults_of(drive))
+    entry = replay(written, setup, memory)[0] if memory else None
     counts = injector.counts
     counts.changed.update(timeline.counters.found | {"error and remote frames": found.skipped})
     for line in (*counts.lines(), *found.notes):

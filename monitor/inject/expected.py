@@ -1,29 +1,15 @@
 """The codes of each drive beside a scenario's expectations."""
 
 import math
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from monitor.base.files.junit import JunitCase
 from monitor.inject.scenario import NO_CODE, Expectation, Scenario
 from monitor.judge.causes.causes import Cause
-from monitor.memory.store import Memory
 
 Recording = Mapping[str, Any]  # an entry of o2mon.replay/1
-
-
-@contextmanager
-def fresh_memory() -> Iterator[Memory]:
-    """Yield an empty fault memory that is deleted afterwards."""
-    with (
-        tempfile.TemporaryDirectory(prefix="o2mon-") as folder,
-        closing(Memory(Path(folder, "memory.db"))) as memory,
-    ):
-        yield memory
 
 
 @dataclass(frozen=True, slots=True)
