@@ -85,7 +85,7 @@ def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[s
 
 def check_long(drives: Sequence[ChainDrive], role: str) -> None:
     """Raise RecordingError if a drive, or all together, are too short to hold blocks out."""
-    each = [float(d.scored.sum()) * d.period_s for d in drives]
+    each = [float(d.kept.sum()) * d.period_s for d in drives]
     if short := [d for d, own in zip(drives, each, strict=True) if own < MIN_SCORED_S]:
         raise RecordingError(f"{_names(short)}: less than {MIN_SCORED_S:.0f} s can be scored")
     seconds = sum(each)

@@ -119,9 +119,9 @@ def test_drives_where_no_healthy_one_has_been_are_warned_of() -> None:
     assert "name nothing" in share
 
 
-def test_a_recording_of_which_nothing_can_be_scored_is_refused_by_its_name() -> None:
+def test_a_recording_without_three_good_samples_in_a_row_is_refused_by_its_name() -> None:
     whole = [drive(seed) for seed in (1, 2)]
-    nothing = replace(drive(3), scored=np.zeros(6000, dtype=bool))
+    nothing = replace(drive(3), scored=np.arange(6000) % 3 > 0)
     suitability.check_long(whole, "new")
     with pytest.raises(RecordingError, match="drive_3: less than 60 s can be scored"):
         suitability.check_long([*whole, nothing], "new")
