@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from monitor.base import config
@@ -17,6 +17,7 @@ from monitor.judge.electrical.plausibility import (
     Results,
     TickResult,
 )
+from monitor.judge.electrical.readiness import Readiness
 from monitor.memory.debounce import Debounce
 from monitor.model.card import Channel
 
@@ -129,6 +130,13 @@ def test_without_a_ready_signal_a_sensor_that_says_invalid_is_not_ready() -> Non
         results = by_test(plausibility.step(sample(Quality.INVALID, names=names)))
         assert not any(result.failed for result in results.values())
     assert fails(plausibility.step(sample(Quality.INVALID, names=names)), "ready")
+
+
+def test_a_first_move_is_waited_for_over_blocks() -> None:
+    still = Readiness(CONFIG.plausibility, ("lambda_measured",), 1.0)
+    yes = np.ones(60, dtype=np.bool_)
+    found = [still.push(np.ones(60), yes, yes) for _ in range(2)]
+    assert np.flatnonzero(np.concatenate(found)).tolist() == [*range(90, 120)]
 
 
 def test_an_electrical_fault_matures_within_three_seconds() -> None:
@@ -342,6 +350,7 @@ def test_a_row_of_alike_results_matures_once_and_another_result_begins_it_anew()
     assert maturing.push([Results(4, 5, passed)]) == [(4, passed)]
 
 
+@example([SATURATED] * 3000, [], [1000])  # longer than any fuel cut
 @given(
     st.lists(st.sampled_from([1.0, 1.0, 1.0, 1.02]), max_size=400),
     st.lists(st.integers(0, 399), max_size=3),
