@@ -21,7 +21,7 @@ from benchmarks.damage.harness import fuzz_options
 from benchmarks.measures import rss_mb
 from benchmarks.outcome import Row, finish, say
 from monitor.base.types import Frame
-from monitor.bus.diagnostics.server import DiagnosticAddress, Diagnostics, answer
+from monitor.bus.diagnostics.server import Diagnostics, answer
 from tests.helpers.bus.diagnostics_state import Vehicle, tick
 
 _VALID: Final = (
@@ -165,7 +165,7 @@ def fuzz_requests(count: int, rng: random.Random, engine_speed_rpm: float) -> Ro
 def fuzz_frames(count: int, rng: random.Random, engine_speed_rpm: float, clock: IsoTpClock) -> Row:
     """Ask through ISO-TP."""
     run = FuzzRun(f"frames at {engine_speed_rpm:g} 1/min", engine_speed_rpm)
-    server = Diagnostics(run.vehicle.state, DiagnosticAddress.parse("7E9"))
+    server = Diagnostics(run.vehicle.state)
     source, sample = frames(rng), tick(engine_speed_rpm)
     for number in range(count):
         if number == count // 2:

@@ -52,11 +52,10 @@ def diagnostics(
             raise UsageError(_MISSING)
         tell(f"no diagnostics: {_MISSING}")
         return []
-    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, DiagnosticAddress, Diagnostics
+    from monitor.bus.diagnostics.server import DEFAULT_RESPONSE_ID, Diagnostics
     from monitor.bus.diagnostics.state import Identity, State
 
     monitor, config = loop.pipeline.monitor, setup.config
-    address = DiagnosticAddress.parse(args.diagnostics_id or DEFAULT_RESPONSE_ID)
     state = State(
         store=monitor.store,
         identity=Identity(
@@ -70,4 +69,4 @@ def diagnostics(
         running_rpm=config.plausibility.engine_running_rpm,
         clear_while_running=args.clear_while_running,
     )
-    return [Diagnostics(state, address)]
+    return [Diagnostics(state, args.diagnostics_id or DEFAULT_RESPONSE_ID)]

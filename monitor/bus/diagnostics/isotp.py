@@ -13,22 +13,11 @@ import isotp
 LONGEST_REQUEST: Final = 64  # bytes; a longer request is refused at its first frame (overflow)
 LEAST_SEPARATION_MS: Final = 2  # between consecutive frames, even if the tester allows less
 PADDING: Final = 0xCC  # fills every frame to eight bytes, as ISO 15765-4 asks
-SINGLE, FLOW_CONTROL = 0x0, 0x3  # first four bits of a frame
+FLOW_CONTROL: Final = 0x3  # first four bits of a frame
 LONGEST_SEPARATION: Final = 0x7F  # 127 ms; reserved values mean the same
 
 _LOG: Final = "monitor.bus.diagnostics.isotp"
 logging.getLogger(_LOG).setLevel(logging.CRITICAL + 1)  # a transfer that fails is let go
-
-
-def single_frame(data: bytes) -> bytes | None:
-    """Return the content of a single frame, None for another kind of frame.
-
-    >>> single_frame(bytes.fromhex("020100cc")), single_frame(bytes.fromhex("0301"))
-    (b'\\x01\\x00', None)
-    """
-    if not data or data[0] >> 4 != SINGLE or not 0 < data[0] < len(data):
-        return None
-    return data[1 : 1 + data[0]]
 
 
 class Transport:
@@ -41,7 +30,7 @@ class Transport:
         self._received: deque[isotp.CanMessage] = deque()
         self._sent: list[bytes] = []
         self._layer = isotp.TransportLayerLogic(
-            rxfn=self._next,
+            rxfn=lambda _: self._received.popleft() if self._received else None,
             txfn=lambda message: self._sent.append(bytes(message.data)),
             address=isotp.Address(mode, rxid=request_id, txid=response_id),
             params={
@@ -53,10 +42,6 @@ class Transport:
                 "wait_func": lambda _: None,
             },
         )
-
-    def _next(self, timeout_s: float) -> isotp.CanMessage | None:
-        del timeout_s
-        return self._received.popleft() if self._received else None
 
     @property
     def is_sending(self) -> bool:

@@ -4,18 +4,18 @@ Sources: SAE J1979 (services $01 to $0A), ISO 14229-1 (the others, and negative 
 """
 
 import math
-import re
 from collections import deque
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
-from monitor.base.errors import UsageError
 from monitor.base.types import Frame
 from monitor.bus.attachment import Attachment
 from monitor.bus.diagnostics import obd, uds
-from monitor.bus.diagnostics.isotp import Transport, single_frame
+from monitor.bus.diagnostics.isotp import Transport
 from monitor.bus.diagnostics.state import DEFAULT_SESSION, RefusedError, State
+from monitor.bus.polling.answer import EcuAddress
+from monitor.decode.obd_answers import Reassembly
 from monitor.pipeline.events import Event
 
 DEFAULT_RESPONSE_ID: Final = "7E9"
@@ -60,38 +60,6 @@ def takes_long(request: bytes, state: State) -> bool:
     return rehearsed is not None and rehearsed[0] != NEGATIVE
 
 
-@dataclass(frozen=True, slots=True)
-class DiagnosticAddress:
-    """Identifiers of ISO 15765-4 with 11 or 29 bits."""
-
-    request_id: int
-    response_id: int
-    functional_id: int
-    is_extended: bool
-
-    @classmethod
-    def parse(cls, text: str) -> "DiagnosticAddress":
-        """Return the address for a response identifier in hexadecimal.
-
-        Raises UsageError unless it is 7E9 to 7EF or 18DAF1xx, or if it is the engine's.
-
-        >>> hex(DiagnosticAddress.parse("18DAF1A5").request_id)
-        '0x18daa5f1'
-        """
-        if re.fullmatch(r"(?i)(0x)?7E[9A-F]", text):
-            response_id = int(text, 16)
-            return cls(response_id - 8, response_id, 0x7DF, is_extended=False)
-        if re.fullmatch(r"(?i)(0x)?18DAF1[0-9A-F]{2}", text):
-            response_id = int(text, 16)
-            ecu = response_id & 0xFF
-            if ecu not in (0x10, 0x11, 0x33, 0xF1):  # engines, all ECUs, the tester
-                return cls(0x18DA00F1 | ecu << 8, response_id, 0x18DB33F1, is_extended=True)
-        raise UsageError(
-            f"diagnostics identifier {text!r}: wanted 7E9 to 7EF (7E8 is the engine's), or "
-            "18DAF1xx with xx none of 10, 11, 33 and F1"
-        )
-
-
 class Allowance:
     """A token bucket: ``burst`` frames at once, then ``per_s`` per second."""
 
@@ -111,14 +79,18 @@ class Allowance:
 
 
 class Diagnostics(Attachment):
-    """The attachment that answers testers."""
+    """The attachment that answers testers.
+
+    response_id : identifier of the answers in hexadecimal, as ``EcuAddress.answering`` has it
+    """
 
     due_s = math.inf
 
-    def __init__(self, state: State, address: DiagnosticAddress) -> None:
-        self.state, self._address = state, address
+    def __init__(self, state: State, response_id: str = DEFAULT_RESPONSE_ID) -> None:
+        self.state = state
+        self._address = address = EcuAddress.answering(response_id)
         self._transport = Transport(
-            address.request_id, address.response_id, is_extended=address.is_extended
+            address.physical, address.response, is_extended=address.is_extended
         )
         self._allowance = Allowance(FRAMES_PER_S, BURST_FRAMES)
         self._received: deque[Frame] = deque(maxlen=BURST_FRAMES)
@@ -129,7 +101,7 @@ class Diagnostics(Attachment):
     def identifiers(self) -> Collection[tuple[int, bool]]:
         """Return the identifiers of requests to all ECUs and to this monitor."""
         address = self._address
-        return [(i, address.is_extended) for i in (address.functional_id, address.request_id)]
+        return [(i, address.is_extended) for i in (address.functional, address.physical)]
 
     def receive(self, frame: Frame) -> None:
         """Keep a tester's frame for ``work``."""
@@ -149,14 +121,14 @@ class Diagnostics(Attachment):
         sent = self._transport.frames()
         self.due_s = now_s + (0.0 if self._pending else self._transport.wait_s)
         address = self._address
-        return [Frame(0, address.response_id, address.is_extended, data) for data in sent]
+        return [Frame(0, address.response, address.is_extended, data) for data in sent]
 
     def _take(self, frame: Frame, now_s: float) -> None:
         is_awaited = self._transport.is_waiting and frame.data[:1] == CONTINUE
         if len(frame.data) > LONGEST_FRAME or not (is_awaited or self._allowance.take(now_s)):
             return
-        is_functional = frame.can_id == self._address.functional_id
-        receive = single_frame if is_functional else self._transport.receive
+        is_functional = frame.can_id == self._address.functional
+        receive = Reassembly().push if is_functional else self._transport.receive
         request = receive(frame.data)
         if request is None or self._pending or self._transport.is_sending:  # one answer at a time
             return

@@ -3,6 +3,7 @@
 Sources: ISO 15765-2 (flow control), ISO 15765-4 (identifiers), SAE J1979 (service $01).
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -26,7 +27,7 @@ class EcuAddress:
     """Identifiers of one tester and one ECU."""
 
     request: int  # to one ECU, or to all (functional)
-    physical: int  # to the engine alone, for flow control
+    physical: int  # to one ECU alone, for flow control
     response: int
     is_extended: bool = False
 
@@ -49,6 +50,31 @@ class EcuAddress:
             f"0x{request:X} is no identifier of an OBD-II request: 7DF, 7E0 to 7E7, 18DB33F1 and "
             "18DAxxF1 are"
         )
+
+    @classmethod
+    def answering(cls, text: str) -> "EcuAddress":
+        """Return the address of an ECU beside the engine's by its answers, in hexadecimal.
+
+        Raises UsageError unless the identifier is 7E9 to 7EF or 18DAF1xx, or if it is the engine's.
+
+        >>> hex(EcuAddress.answering("18DAF1A5").physical)
+        '0x18daa5f1'
+        """
+        if re.fullmatch(r"(?i)(0x)?7E[9A-F]", text):
+            return cls.of(int(text, 16) - 8)
+        long = re.fullmatch(r"(?i)(?:0x)?18DAF1([0-9A-F]{2})", text)
+        ecu = int(long[1], 16) if long else _ENGINE_29
+        if ecu not in (_ENGINE_29, 0x11, 0x33, _TESTER_29):  # engines, all ECUs, the tester
+            return cls.of(_pair_29(ecu)[0])
+        raise UsageError(
+            f"diagnostics identifier {text!r}: wanted 7E9 to 7EF (7E8 is the engine's), or "
+            "18DAF1xx with xx none of 10, 11, 33 and F1"
+        )
+
+    @property
+    def functional(self) -> int:
+        """Return the identifier of requests to all ECUs."""
+        return FUNCTIONAL_29 if self.is_extended else FUNCTIONAL
 
 
 def _pair_29(ecu: int) -> tuple[int, int]:

@@ -10,12 +10,8 @@ from hypothesis import strategies as st
 
 from monitor.base.errors import UsageError
 from monitor.base.types import Frame
-from monitor.bus.diagnostics.server import (
-    BURST_FRAMES,
-    FRAMES_PER_S,
-    DiagnosticAddress,
-    Diagnostics,
-)
+from monitor.bus.diagnostics.server import BURST_FRAMES, FRAMES_PER_S, Diagnostics
+from monitor.bus.polling.answer import EcuAddress
 from tests.helpers.bus.diagnostics_state import Vehicle, tick
 from tests.helpers.examples import inputs
 
@@ -48,7 +44,7 @@ class Tester:
 
     def __init__(self, vehicle: Vehicle | None = None) -> None:
         self.vehicle = vehicle or Vehicle()
-        self.server = Diagnostics(self.vehicle.state, DiagnosticAddress.parse("7E9"))
+        self.server = Diagnostics(self.vehicle.state)
 
     def send(self, data: str | bytes, can_id: int = REQUEST) -> list[str]:
         """Send one frame; return the frames that come at once, in hexadecimal."""
@@ -210,12 +206,12 @@ def test_flow_control_of_an_answer_is_read_in_a_flood_too(tester: Tester) -> Non
 @pytest.mark.parametrize("text", ["7E8", "7E0", "7F0", "18DAF110", "18DAF133", "18DB33F1", "", "x"])
 def test_identifiers_of_others_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="wanted 7E9 to 7EF"):
-        DiagnosticAddress.parse(text)
+        EcuAddress.answering(text)
 
 
 def test_29_bit_identifiers_are_answered_under_29_bits() -> None:
     vehicle = Vehicle()
-    server = Diagnostics(vehicle.state, DiagnosticAddress.parse("0x18daf1a5"))
+    server = Diagnostics(vehicle.state, "0x18daf1a5")
     assert set(server.identifiers) == {(0x18DB33F1, True), (0x18DAA5F1, True)}
     server.receive(Frame(0, 0x18DAA5F1, True, bytes.fromhex("02011C")))
     (frame,) = server.work(0.0)
