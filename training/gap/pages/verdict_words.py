@@ -149,6 +149,8 @@ def actions(result: Result) -> list[str]:
         "unknown_effect": _describe,
         "sensor_fault_suspected": _check_sensor,
     }[result.verdict](result)
+    if result.naming.answer.experiment is not None and result.verdict != "ambiguous":
+        found += _drive(result)
     return [*found, *_skipped(result)]
 
 
@@ -199,8 +201,6 @@ def _describe(result: Result) -> list[str]:
         found += _take_over(result)
         if any(c.kind == "empirical" for c in result.effects):
             found.append("Do not use its formula beyond these speeds, loads and temperatures.")
-    if result.naming.answer.experiment is not None:
-        found += _drive(result)
     return [*found, "Look at the errors by regime under How much for what the library lacks."]
 
 

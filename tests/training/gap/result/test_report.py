@@ -427,11 +427,11 @@ def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
 
 
 @pytest.mark.parametrize(("verdict", "word"), [("named", "or"), ("sensor_fault_suspected", "and")])
-def test_the_first_sentence_says_what_may_be_there_beside_it(verdict: Verdict, word: str) -> None:
-    found = naming(verdict, beside=RANKING[1:3])
+def test_what_may_be_there_beside_it_is_said_and_how_to_tell(verdict: Verdict, word: str) -> None:
+    found = replace(made(verdict), naming=naming(verdict, beside=RANKING[1:3], experiment="idle"))
     says = [f"{c.name} ({c.term.says})" for c in RANKING[1:3]]
-    sentence = verdict_sentence(replace(made(verdict), naming=found))
-    assert f"Beside it there may be {says[0]} {word} {says[1]}." in sentence
+    assert f"Beside it there may be {says[0]} {word} {says[1]}." in verdict_sentence(found)
+    assert any("drive: idle" in each for each in actions(found))
     assert "Beside it" not in verdict_sentence(made(verdict))
 
 
