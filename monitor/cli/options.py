@@ -102,8 +102,8 @@ class ObdOptions:
 
     def __post_init__(self) -> None:
         """Raise UsageError for options without effect."""
-        if not self.obd and (self.obd_optional or self.obd_request is not None):
-            raise UsageError("--obd-optional and --obd-request need --obd")
+        if not self.obd and any((self.obd_rate != 12, self.obd_optional, self.obd_request)):
+            raise UsageError("--obd-rate, --obd-optional and --obd-request need --obd")
 
 
 def say(line: str, stream: TextIO | None = None) -> None:

@@ -63,8 +63,8 @@ def open_sinks(args: SinkOptions) -> "list[tuple[str, Sink]]":
 
     Raises UsageError if one cannot be had.
     """
-    if args.sink_tag and not args.sink:
-        raise UsageError("--sink-tag needs --sink")
+    if not args.sink and (args.sink_tag or args.sink_rate != 1.0):
+        raise UsageError("--sink-tag and --sink-rate need --sink")
     from monitor.sinks.address import open_sink, shown
 
     return [(shown(address), open_sink(address, dict(args.sink_tag))) for address in args.sink]

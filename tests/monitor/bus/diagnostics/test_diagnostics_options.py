@@ -48,7 +48,7 @@ def test_options_of_diagnostics_need_transmitting(words: tuple[str, ...]) -> Non
             attached("--transmit", "--diagnostics-id", "none", *words)
 
 
-@pytest.mark.parametrize("option", ["--obd-optional", "--obd-request=7E0", "--sink-tag=car=7"])
+@pytest.mark.parametrize("option", ["--obd-request=7E0", "--obd-rate=5", "--sink-rate=2"])
 def test_an_option_without_the_one_that_it_belongs_to_is_refused(option: str) -> None:
     assert main(["run", "-i", "virtual", "-c", "q", "--duration", "0.1", option]) == 2
 
