@@ -13,7 +13,7 @@ from monitor.base.errors import ConfigError, UsageError
 from monitor.base.files.outputs import write_text
 from monitor.controller import network
 from monitor.controller.tables import FURTHER, ExportSource, header, tables
-from monitor.judge.limits import Limits
+from monitor.judge.limits import Limits, in_unit
 from monitor.model import model_file
 from monitor.model.card import USUAL_PREDICTION, prediction_name
 from monitor.model.step import Model
@@ -45,7 +45,7 @@ def export(model: Model, config: Config, out: Path, without: Sequence[str] = ())
     if config.rules.active:
         raise ConfigError(f"the rule {config.rules.active[0]} of a plug-in is not written in C")
     limits = Limits.from_card(model.card, config, str(model.path))
-    source = ExportSource(model.card, limits, config, without)
+    source = ExportSource(model.card, limits, in_unit(config, model.card), without)
     prediction = prediction_name(model.card.output.name)
     found = model_file.read(model.path).graph
     if not any(prediction in node.outputs for node in found.nodes):

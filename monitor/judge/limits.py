@@ -88,6 +88,15 @@ class Limits:
         return replace(self, offset_low=low, offset_high=high, gain=reference.gain)
 
 
+def in_unit(config: Config, card: ModelCard) -> Config:
+    """Return the settings for a model's output; what is in lambda is a share of another's range."""
+    span, own = card.output.maximum - card.output.minimum, config.plausibility
+    if card.transform == "phi":
+        return config
+    still, band = span * own.stuck_range, span * own.stuck_band_at_one
+    return replace(config, plausibility=replace(own, stuck_range=still, stuck_band_at_one=band))
+
+
 NO_LIMITS: Final = Limits(  # judge nothing, for windows alone
     j_mu=inf,
     j_sigma=inf,

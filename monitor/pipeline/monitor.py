@@ -21,7 +21,7 @@ from monitor.judge.decision import plugins as rules
 from monitor.judge.decision.decisions import Decisions
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import Enable
-from monitor.judge.limits import Limits
+from monitor.judge.limits import Limits, in_unit
 from monitor.judge.window import Window, Windows
 from monitor.memory.codes import BEHIND
 from monitor.memory.cycles import Counting, Cycles
@@ -47,7 +47,7 @@ class Judge:
     def __init__(
         self, names: Iterable[str], model: Model, config: Config, *, rows: int = 64
     ) -> None:
-        self.names, self.card, self.config = tuple(names), model.card, config
+        self.names, self.card, self.config = tuple(names), model.card, in_unit(config, model.card)
         check_names(self.card, self.names)
         self.period_s = self.card.period_ns * 1e-9
         self.rules = rules.loaded(config.rules.active)

@@ -10,7 +10,7 @@ import numpy as np
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
-from monitor.judge.limits import NO_LIMITS, Limits
+from monitor.judge.limits import NO_LIMITS, Limits, in_unit
 from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
 from monitor.model.step import Model
@@ -148,6 +148,7 @@ def with_limits(card: ModelCard, unseen: Unseen, origin: str, config: Config) ->
         for model, drives in unseen
         for each in judge_recordings(drives, model, NO_LIMITS, config)
     ]
+    config = in_unit(config, card)
     limits = limits_of([each.windows for each in judged], card, config, origin, recordings)
     card = replace(card, limits=limits, trust={})  # counted with other limits
     response = response_limits(judged, card, Limits.from_card(card, config, origin), config)

@@ -91,7 +91,6 @@ class CatalystRule:
         self._wait = self._n_settle
 
     def _begin(self) -> None:
-        """Begin a segment."""
         self._segment, self._product = np.zeros(self._bank.shape), np.ones(self._bank.shape)
         self._least, self._most = math.inf, -math.inf  # of the measured voltage
         self._least_of = np.full(self._bank.shape, math.inf)  # of each member's

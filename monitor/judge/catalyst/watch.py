@@ -138,7 +138,6 @@ class CatalystMonitor:
             yield from self._judged(k, sample, runs=runs)
 
     def _rule_of(self, sensor: int) -> CatalystRule:
-        """Return the rule for the downstream sensor in this column."""
         self._sensor, self._is_wide = sensor, sensor == self._wide
         if self._is_wide:
             self._config = replace(self._config, switching_phi=self._config.wide_phi)

@@ -136,7 +136,6 @@ class Decisions:
         return Seen(self._bias.total / self._bias.windows, gain)
 
     def _by_plugins(self, window: Window) -> Iterator[Change]:
-        """Let the rules of plug-ins judge a window."""
         for test in list(self._rules):
             try:
                 if isinstance(rule := self._rules[test], type):
@@ -169,18 +168,16 @@ class Decisions:
 
     def _judged(self, window: Window, facts: Facts, response: Response, bias: Bias) -> WindowJudged:
         """Return the window's verdict: the response rule's, or the bias rule's if only it fails."""
-        outcome, fault, also = response.outcome, response.fault, response.also
-        if bias.outcome == "failed" and outcome != "failed":
-            outcome, fault, also = "failed", bias.fault, ()
+        verdict = bias if bias.outcome == "failed" != response.outcome else response
         limits, found = self._limits, response.statistics
         return WindowJudged(
             window=window,
             mean=facts.mean,
             std=facts.std,
             paper_failed=paper_failed(facts.mean, facts.std, limits.j_mu, limits.j_sigma),
-            outcome=outcome,
-            fault=fault,
-            also=also,
+            outcome=verdict.outcome,
+            fault=verdict.fault,
+            also=verdict.also,
             excited=found.excitation >= limits.excitation,
             statistics=WindowEstimates(found, bias, facts.moved),
         )
@@ -188,15 +185,14 @@ class Decisions:
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:
         """Return the results of service $06: the estimates so far against their limits."""
         config, limits, found = self._config.response, self._limits, response.statistics
-        results, unit = list[TestResult](), limits.gain_expected
+        results = list[TestResult]()
         if found.gain is not None:  # else no window was judged yet
             high = {"lag": config.lag_limit_s, "dead_time": config.delay_limit_s}
             names = ((what, f"{what}_{edge}_s") for what in high for edge in EDGES)
             results = [TestResult("response", n, getattr(found, n), 0.0, high[w]) for w, n in names]
-            least, most = unit * config.gain_sound_min, unit * config.gain_max
-            results.append(TestResult("response", "gain", found.gain, least, most))
+            within = [limits.gain_expected * x for x in (config.gain_sound_min, config.gain_max)]
+            results.append(TestResult("response", "gain", found.gain, *within))
         if bias.beyond is not None:
-            results.append(
-                TestResult("bias", "offset", bias.offset, limits.offset_low, limits.offset_high)
-            )
+            within = [limits.offset_low, limits.offset_high]
+            results.append(TestResult("bias", "offset", bias.offset, *within))
         return results

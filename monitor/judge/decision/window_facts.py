@@ -69,7 +69,6 @@ class WindowFacts:
         return math.exp(odds[fault] - max(alike)) / sum(math.exp(v - max(alike)) for v in alike)
 
     def _of_kind(self, windows: Sequence[Window], *, is_cut: bool) -> list[Facts]:
-        """Return the facts of windows of one kind."""
         measured = np.array([window.measured for window in windows])
         phi, banks = phi_of(windows, self._transform), [window.bank for window in windows]
         healthy = np.array([bank[:, 0] for bank in banks])

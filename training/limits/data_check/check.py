@@ -70,7 +70,6 @@ def _or_well(found: Iterable[DataFinding], topic: str, text: str) -> list[DataFi
 def _signals(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
 ) -> Iterator[DataFinding]:
-    """Yield the errors in names."""
     if not recordings:
         yield DataFinding("error", "file", "no recording can be read, at least one is wanted")
         return
@@ -86,7 +85,6 @@ def _signals(
 
 
 def _files(recordings: Sequence[Recording]) -> Iterator[DataFinding]:
-    """Yield the findings on periods and files."""
     known: dict[str, Recording] = {}
     for r in recordings:
         first, same = recordings[0], known.setdefault(r.sha256, r)
