@@ -9,7 +9,6 @@ from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.errors import UsageError
 from monitor.base.files import manifest
-from monitor.judge.bias import paper_failed
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -49,7 +48,7 @@ def calibrate(
         [*zip(drives, judge_recordings(drives, model, limits, config), strict=True)]
         for drives in (healthy, faulty)
     )
-    rows, found = ([_row(*drive, card) for drive in drives] for drives in (good, bad))
+    rows, found = ([_row(*drive) for drive in drives] for drives in (good, bad))
     before = model.card.limits
     return card, {
         "schema": SCHEMA,
@@ -74,22 +73,19 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
     for kind, drives, before in (("healthy", healthy, ()), ("faulty", faulty, healthy)):
         check_each_once((*before, *drives))
         for recording in drives:
-            entry = _entry(recording)
-            fault = entry.get("fault", "")  # None: known to be healthy
-            if kind == "healthy" and fault:
-                raise UsageError(f"{recording.path}: given as healthy, its manifest says {fault}")
-            if kind == "faulty" and fault is None:
-                raise UsageError(f"{recording.path}: given as faulty, its manifest says healthy")
+            told = _entry(recording).get("fault", "")  # None: known to be healthy
+            if told is None if kind == "faulty" else told:
+                said = f"given as {kind}, its manifest says {told or 'healthy'}"
+                raise UsageError(f"{recording.path}: {said}")
 
 
 def _entry(recording: Recording) -> dict[str, Any]:
     return manifest.entry_of(Path(recording.path), recording.sha256)
 
 
-def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any]:
+def _row(recording: Recording, judged: Judged) -> dict[str, Any]:
     """Return the verdicts of the monitor and of the paper's rule on a drive."""
     entry = _entry(recording)
-    j_mu, j_sigma = (card.limits[name].value for name in ("j_mu", "j_sigma"))
     evidence = [window.statistics.response.evidence for window in judged.windows]
     return {
         "recording": Path(recording.path).name,
@@ -98,7 +94,7 @@ def _row(recording: Recording, judged: Judged, card: ModelCard) -> dict[str, Any
         "fault": entry.get("fault"),
         "severity": entry.get("severity"),
         "windows": len(judged.windows),
-        "paper_failed": sum(paper_failed(w.mean, w.std, j_mu, j_sigma) for w in judged.windows),
+        "paper_failed": sum(window.paper_failed for window in judged.windows),
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
         "named": sorted({dtc.fault for dtc in judged.dtcs}),
         "completed": judged.completed,

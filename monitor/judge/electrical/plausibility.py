@@ -13,10 +13,6 @@ from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
 from monitor.model.card import Channel
 
-_GOOD, _STALE, _INVALID, _OUT_OF_RANGE, _OFF_BUS, _PINNED, _GAP = (
-    int(quality) for quality in Quality
-)
-_N_QUALITIES = len(Quality)
 STRETCHES_OF_A_CODE: Final = 2  # in which the reading stands still; see response_fail
 _UNKNOWN, _NO, _, _YES = range(4)  # of a signal: it is not valid, below its threshold, above it
 _REGULATED, _FULL = 1, 3  # of a heater's duty: below full duty, at it; else not valid or off
@@ -102,11 +98,11 @@ class Plausibility:
         masks = np.packbits(reached, axis=1, bitorder="little")[:, 0]
         if self._ready is None and ready is not None:
             masks[~ready] |= _NO
-        codes = np.multiply(masks, _N_QUALITIES, dtype=np.uint16)
+        codes = np.multiply(masks, len(Quality), dtype=np.uint16)
         codes += quality[:, self._output]
         found: list[Results] = []
         for begin, end, each in alike(codes):
-            rest, q = divmod(each, _N_QUALITIES)
+            rest, q = divmod(each, len(Quality))
             own = self._run(begin, end, q, told=rest & 3, engine=rest >> 2 & 3, duty=rest >> 4)
             found += [Results(a, b, TickResult(*result)) for a, b, result in own if a < b]
         return found
@@ -118,13 +114,14 @@ class Plausibility:
 
         told, engine, duty : what ``sensor_ready``, the engine's speed and the heater's duty say
         """
-        if quality == _GAP:  # nobody knows how long the log paused, and whether the signal came
+        if quality == Quality.GAP:  # nobody knows how long it was, and whether the signal came
             self._not_ready = 0
             return
-        ready = quality != _INVALID if told == _UNKNOWN else told == _YES
+        blank, silent = quality == Quality.INVALID, quality in (Quality.STALE, Quality.OFF_BUS)
+        ready = not blank if told == _UNKNOWN else told == _YES
         gone = self._ready is not None and told == _UNKNOWN
         # a blank in a table reads as invalid; with the readiness blank, too, nothing came
-        missing = quality in (_STALE, _OFF_BUS) or (quality == _INVALID and gone)
+        missing = silent or (blank and gone)
         if engine != _UNKNOWN:
             self._stood = engine == _NO
         self._heard = self._heard or not missing
@@ -133,13 +130,12 @@ class Plausibility:
             patience = self._start_patience - self._unheard if self.is_expected else end
             first += max(patience, 0)
             self._unheard += end - begin
-        is_invalid = quality == _INVALID and ready
         # with the ignition off an ECU falls silent, which is no fault
-        if quality == _OFF_BUS:
+        if quality == Quality.OFF_BUS:
             yield first, end, ("communication", True, "bus_off")
         elif not (missing and self._stood):
-            fault = "signal_invalid" if is_invalid else "signal_missing"
-            yield first, end, ("communication", missing or is_invalid, fault)
+            fault = "signal_invalid" if blank and ready else "signal_missing"
+            yield first, end, ("communication", missing or (blank and ready), fault)
         runs = self._speed is None or engine == _YES
         cold = end - self._count_full(duty if runs else _UNKNOWN, end - begin)
         if not ready and not gone and runs:
@@ -151,8 +147,8 @@ class Plausibility:
             if ready and not missing:  # else it is not known yet
                 yield begin, cold, ("ready", False, "not_ready")
                 yield cold, end, ("ready", True, "heater")
-        if ready and quality in (_GOOD, _PINNED, _OUT_OF_RANGE):
-            yield begin, end, ("range", quality == _OUT_OF_RANGE, "out_of_range")
+        if ready and quality in (Quality.GOOD, Quality.PINNED, Quality.OUT_OF_RANGE):
+            yield begin, end, ("range", quality == Quality.OUT_OF_RANGE, "out_of_range")
 
     def _count_full(self, duty: int, count: int) -> int:
         """Take samples with one duty; return how many, the last ones, tell of a faulty heater."""

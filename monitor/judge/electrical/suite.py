@@ -71,8 +71,7 @@ class ElectricalTests:
         Of alike results in a row the one counts with which they are enough; of the activity test
         each.
         """
-        running = self.plausibility.running(values)
-        ready = self._ready(values, quality, running)
+        running, ready = self._awake(values, quality)
         measured, awake = values[:, self._output], running & ready
         found = self._maturing.push(self.plausibility.push(values, quality, ready))
         seen = np.where(awake, measured, np.nan)
@@ -81,9 +80,10 @@ class ElectricalTests:
 
     def must_move(self, values: FloatArray, quality: QualityArray, burning: BoolArray) -> BoolArray:
         """Return on which samples a live sensor moves, (n,); arguments as for ``push``."""
-        running = self.plausibility.running(values)
-        return running & burning & self._ready(values, quality, running)
+        running, ready = self._awake(values, quality)
+        return running & burning & ready
 
-    def _ready(self, values: FloatArray, quality: QualityArray, running: BoolArray) -> BoolArray:
-        good = quality[:, self._output] == Quality.GOOD
-        return self._readiness.push(values[:, self._output], good, running)
+    def _awake(self, values: FloatArray, quality: QualityArray) -> tuple[BoolArray, BoolArray]:
+        """Return whether the engine runs and whether the sensor is ready, (n,) each."""
+        running, good = self.plausibility.running(values), quality[:, self._output] == Quality.GOOD
+        return running, self._readiness.push(values[:, self._output], good, running)

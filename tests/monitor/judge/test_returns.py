@@ -1,6 +1,9 @@
 """A reading that jumps to one value again and again is intermittent."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -9,7 +12,10 @@ from monitor.base.types import FloatArray
 from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.electrical.returns import ReturnTest
 from monitor.judge.electrical.suite import RETURNS, ElectricalTests
+from monitor.judge.limits import in_unit
 from monitor.model.card import Channel
+from monitor.model.step import Model
+from monitor.pipeline.replay import shipped_model
 
 JUMP, NEEDED = 0.03, 10
 
@@ -81,3 +87,13 @@ def test_drops_that_go_on_after_a_tester_cleared_the_codes_are_found_again() -> 
 def test_evidence_does_not_depend_on_where_blocks_begin(blocks: int) -> None:
     dropped = with_drops(live(), [0.9] * 25)
     assert decisions(dropped, blocks=blocks) == decisions(dropped)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-4, 1e3])
+def test_a_reading_moves_in_whatever_unit_it_is(unit: float) -> None:
+    card = Model.load(shipped_model()).card
+    card = replace(card, transform="none", output=Channel("y", "V", 0.0, unit, 0.0, unit))
+    tests = ElectricalTests(in_unit(config.shipped(), card), ("y",), card.output, 0.1)
+    found, _ = tests.push(unit * live()[:, None] / 2, np.zeros((3000, 1), np.uint8), live() > 0.0)
+    assert {(each.test, each.failed) for _, each in found} >= {("activity", False)}
+    assert not any(each.failed for _, each in found)
