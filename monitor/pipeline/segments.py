@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
 from monitor.judge.residual import oriented
-from monitor.judge.response.bank import Bank, BankState, phases
+from monitor.judge.response.bank import Bank, BankState
 from monitor.judge.window import Span, Windows
 from monitor.model.step import Float32Array, Model
 from monitor.pipeline.conclusions import Findings
@@ -137,31 +137,20 @@ class Segments:
         for i, state in enumerate(goes_on):
             if state is not None:
                 model.state[i] = state.model
-        if len(rows) == 1:  # nothing ends before another
-            return model.run_batch(u), {0: model.state[0].copy()}
-        predicted = np.empty(u.shape[:2])
-        predicted.fill(np.nan)
-        ends: dict[int, list[int]] = {}  # rows whose state is to be kept, by their lengths
-        for i, row in enumerate(rows):
-            if row.is_last:
-                ends.setdefault(lengths[i], []).append(i)
-        states: dict[int, Float32Array] = {}
-        for begin, end, n_rows in phases(lengths):
-            if n_rows < model.batch:
-                whole, model = model, self._model(n_rows)  # goes on with the first rows
-                model.state[:] = whole.state[:n_rows]
-            for a, b in pairwise([begin, *sorted(k for k in ends if begin < k < end), end]):
-                predicted[:n_rows, a:b] = model.run_batch(u[:n_rows, a:b])
-                for i in ends.get(b, ()):
-                    states[i] = model.state[i].copy()
+        predicted, states = np.empty(u.shape[:2]), dict[int, Float32Array]()
+        ends = {n for n, row in zip(lengths, rows, strict=True) if row.is_last}
+        for begin, end in pairwise([0, *sorted({*ends, lengths[0]})]):
+            predicted[:, begin:end] = model.run_batch(u[:, begin:end])
+            states |= {i: model.state[i].copy() for i, n in enumerate(lengths) if n == end}
         return predicted, states
 
     def _u(self, rows: Sequence[_Row], lengths: Sequence[int]) -> NDArray[np.float32]:
-        """Return the model's inputs, (rows, n, n_inputs), zero behind a row's end."""
+        """Return the model's inputs, (rows, n, n_inputs), its last ones behind a row's end."""
         # the inputs of all rows in one step lie together in memory
-        steps = np.zeros((lengths[0], len(rows), len(self._inputs)), np.float32)
+        steps = np.empty((lengths[0], len(rows), len(self._inputs)), np.float32)
         for i, (part, begin, end, *_) in enumerate(rows):
-            steps[: end - begin, i] = part.block.values[begin:end].take(self._inputs, axis=1)
+            own = part.block.values[begin:end].take(self._inputs, axis=1)
+            steps[: len(own), i], steps[len(own) :, i] = own, own[-1]
         return steps.transpose(1, 0, 2)
 
     def _model(self, batch: int) -> Model:

@@ -5,7 +5,7 @@ It runs many signals side by side, block by block.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,20 +46,6 @@ def build(config: ResponseConfig) -> tuple[Hypothesis, ...]:
     return tuple(bank)
 
 
-def phases(lengths: Sequence[int]) -> Iterator[tuple[int, int, int]]:
-    """Yield begin, end and how many rows are to run, so that finished rows drop out by halves.
-
-    lengths : of the rows, never increasing
-
-    >>> list(phases([9, 9, 4, 2]))
-    [(0, 4, 4), (4, 9, 2)]
-    """
-    begin = 0
-    while begin < lengths[0]:
-        rows = sum(length > begin for length in lengths)
-        yield begin, (begin := lengths[rows // 2]), rows
-
-
 class BankState(NamedTuple):
     """The past of one signal, as far as the bank remembers it."""
 
@@ -94,7 +80,7 @@ class Bank:
         """Return the readings in each span, (end - begin, n_hypotheses), and the signals' states.
 
         values : (rows, length) signals
-        lengths : of the signals, never increasing; the states are those at their ends
+        lengths : of the signals; the states are those at their ends
         spans : row, begin and end of the samples that are read
         """
         past = np.array([state.past for state in states])
