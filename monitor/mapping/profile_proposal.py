@@ -69,8 +69,8 @@ def unusual(check: TableCheck) -> Iterator[str]:
     for name, column in zip(check.table.names, check.table.values.T, strict=True):
         if name not in QUANTITIES:
             continue
-        values = column[check.runs]
-        middle = float(np.median(values[np.isfinite(values)])) if len(values) else np.nan
+        values = column[check.runs & np.isfinite(column)]
+        middle = float(np.median(values)) if len(values) else np.nan
         (low, high), kind = QUANTITIES[name].usual, QUANTITIES[name].unit.quantity
         is_above = middle > high and kind in ("temperature", "lambda")
         if is_above or (middle < low and name in VARYING):

@@ -177,9 +177,10 @@ def _bad(signal: str, seen: Observation, asked: Asked) -> tuple[str, str] | None
     if stale == seen.samples:
         text = f"{signal} never came ({source.place}): correct the map, or leave the signal out"
         return "never_seen", text
+    gaps = seen.of(signal, Quality.GAP) - seen.quality[Quality.GAP].min().item()  # its own
     kinds = {
         "stale": stale,
-        "invalid": seen.of(signal, Quality.INVALID),
+        "invalid": seen.of(signal, Quality.INVALID) + gaps,
         "out_of_range": seen.of(signal, Quality.OUT_OF_RANGE),
     }
     reason = max(kinds, key=lambda name: kinds[name])
