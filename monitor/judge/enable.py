@@ -204,7 +204,7 @@ class Enable:
         output: str,
         period_s: float,
     ) -> None:
-        at = {name: i for i, name in enumerate(names)}
+        at, self._config = {name: i for i, name in enumerate(names)}, config
         self.unavailable = tuple(c.name for c in TABLE if c.signal and c.signal not in at)
         self.ranges = (
             *(_trained(config, channel) for channel in inputs),
@@ -223,8 +223,6 @@ class Enable:
         self._low, self._high = (np.array([each[i] for each in checked]) for i in (2, 3))
         self._measured, self._cut = at[output], at.get("fuel_cut")
         self._purge = at.get("purge_duty_percent")
-        self._open_percent = config.purge_open_percent
-        self._step_percent = config.purge_step_percent
         self._recovery = np.array(
             [_samples(config, TABLE[i].recovery, period_s) for i in _RECOVERING]
         )
@@ -272,13 +270,13 @@ class Enable:
 
     def _purge_stays(self, duty: FloatArray) -> BoolArray:
         """Return whether the purge valve stays open or shut, moves slowly and is known, (n,)."""
-        second = self._second
+        second, config = self._second, self._config
         if self._duties is None:  # at the first sample it has not moved
             self._duties = np.full(second, duty[0])
         duties = np.concatenate([self._duties, duty])
         self._duties = duties[-second:]
-        is_open = duties[second - 1 :] >= self._open_percent
-        is_slow = np.abs(duty - duties[:-second]) <= self._step_percent
+        is_open = duties[second - 1 :] >= config.purge_open_percent
+        is_slow = np.abs(duty - duties[:-second]) <= config.purge_step_percent
         return np.asarray(is_slow & (is_open[1:] == is_open[:-1]))
 
 
