@@ -40,9 +40,8 @@ def alike(codes: NDArray[Any]) -> Iterator[tuple[int, int, int]]:
     >>> list(alike(np.array([7, 7, 3])))
     [(0, 2, 7), (2, 3, 3)]
     """
-    n = len(codes)
-    if n == 0:
+    if not len(codes):
         return
-    edges = [0, *((codes[1:] != codes[:-1]).nonzero()[0] + 1).tolist(), n]
+    edges = [0, *((codes[1:] != codes[:-1]).nonzero()[0] + 1).tolist(), len(codes)]
     for (begin, end), code in zip(pairwise(edges), codes[edges[:-1]].tolist(), strict=True):
         yield begin, end, code

@@ -32,7 +32,8 @@ class BoundedSetting:
     @classmethod
     def of(cls, entry: Any) -> "BoundedSetting":
         """Return a setting of the file."""
-        return cls(**entry) if isinstance(entry, dict) else cls(entry)
+        is_table = isinstance(entry, dict) and "value" in entry
+        return cls(**entry) if is_table else cls(entry)
 
     def misfit(self, value: Any) -> str:
         """Return in words what is wanted where a value is of another type or size, else nothing.
