@@ -132,11 +132,13 @@ def test_without_a_ready_signal_a_sensor_that_says_invalid_is_not_ready() -> Non
     assert fails(plausibility.step(sample(Quality.INVALID, names=names)), "ready")
 
 
-def test_a_first_move_is_waited_for_over_blocks() -> None:
-    still = Readiness(CONFIG.plausibility, ("lambda_measured",), 1.0)
-    yes = np.ones(60, dtype=np.bool_)
-    found = [still.push(np.ones(60), yes, yes) for _ in range(2)]
-    assert np.flatnonzero(np.concatenate(found)).tolist() == [*range(90, 120)]
+@pytest.mark.parametrize(("rise", "ready_from"), [(0.0, 90), (1.0, 75)])
+def test_a_first_move_is_waited_for_over_blocks(rise: float, ready_from: int) -> None:
+    # a reading that stands, and one that has moved far enough only with what came before its block
+    readiness = Readiness(CONFIG.plausibility, ("lambda_measured",), 1.0)
+    yes, step = np.ones(60, dtype=np.bool_), rise * CONFIG.plausibility.stuck_range / 74.5
+    found = [readiness.push(1.0 + step * np.arange(at, at + 60), yes, yes) for at in (0, 60)]
+    assert np.flatnonzero(np.concatenate(found)).tolist() == [*range(ready_from, 120)]
 
 
 def test_an_electrical_fault_matures_within_three_seconds() -> None:
