@@ -1,8 +1,8 @@
 """The model's step as C: each operator of its graph becomes a loop over one row.
 
 The batch has one row, so every tensor is a vector; a scalar is a vector of one. That is enough for
-a network of any layers with its state, and for chains of arithmetic; a graph with tables of more
-dimensions is refused with the operator's name.
+networks of any layers with their state and for grey-box chains; a graph with more dimensions, as of
+chains from older versions, is refused with the operator's name.
 """
 
 import re
@@ -112,7 +112,7 @@ def step_code(graph: StepGraph, prediction: str, n_inputs: int, n_state: int, na
         except (KeyError, ValueError, IndexError):
             raise ModelError(
                 f"{name}: its graph has {node.kind[:40]} in a form that is not written in C; "
-                "networks (o2train fit --kind narx) are"
+                "models by this version of o2train fit are"
             ) from None
     code.loop(n_state, f"state[i] = {code.use('next_state')}[i];")
     head = "void o2_model_step(const float u[], float state[], float *predicted)"
@@ -165,6 +165,8 @@ def _concat(code: _Code, node: Node) -> None:
 
 
 def _sum(code: _Code, node: Node) -> None:
+    if code.given[node.inputs[1]].tolist() != [1]:  # of a row alone
+        raise ValueError(node.kind)
     source, width = code.use(node.inputs[0]), code.widths[node.inputs[0]]
     out = code.result(node.outputs[0], 1)
     code.lines.append(f"    {out}[0] = 0.0f;")

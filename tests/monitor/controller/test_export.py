@@ -83,9 +83,10 @@ def test_the_network_predicts_as_the_runtime_does(exported: Path, tmp_path: Path
     assert c_monitor.predicted(exported, tmp_path, u) == pytest.approx(wanted, rel=2e-5)
 
 
-def test_a_graph_with_an_operator_of_its_own_is_refused_by_name() -> None:
+@pytest.mark.parametrize("kind", ["Erf", "ReduceSum"])  # the sum over the batch
+def test_a_graph_with_an_operator_of_its_own_is_refused_by_name(kind: str) -> None:
     from monitor.base.errors import ModelError
 
-    node = Node("Erf", ["u"], ["lambda_hat"], {})
-    with pytest.raises(ModelError, match=r"odd\.onnx: its graph has Erf in a form"):
-        network.step_code(StepGraph([node], {}), "lambda_hat", 1, 1, "odd.onnx")
+    graph = StepGraph([Node(kind, ["u", "axes"], ["lambda_hat"], {})], {"axes": np.array([0])})
+    with pytest.raises(ModelError, match=rf"odd\.onnx: its graph has {kind} in a form"):
+        network.step_code(graph, "lambda_hat", 1, 1, "odd.onnx")
