@@ -1,6 +1,6 @@
 """Catalyst, downstream sensor and outer trim of one vehicle: its constants and its state."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -54,6 +54,13 @@ class DownstreamFault:
     def suits_wide(self) -> bool:
         """Return whether a wide-range sensor can have the fault: it needs no voltage."""
         return self.gain == self.heating == 1.0 and self.stuck_v == 0.0
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Return what the plant takes, the capacity only if it is not the vehicle's own."""
+        own = asdict(self)
+        left_out = ("name", "severity") if self.capacity_g else ("name", "severity", "capacity_g")
+        return {name: own[name] for name in own if name not in left_out}
 
 
 def fault_behind(name: str, severity: float | None = None) -> DownstreamFault:
@@ -149,19 +156,11 @@ def piece(vehicle: int) -> Downstream:
         span_v=0.76 + 0.04 * u[7],
         pipe_l=1.0 * (1.0 + 0.3 * u[8]),
         brick_start_degc=0.0,
-        sulphur=0.0,
-        leak=0.0,
-        tau_to_rich_s=0.0,
-        tau_to_lean_s=0.0,
-        delay_to_rich_s=0.0,
-        delay_to_lean_s=0.0,
-        gain=1.0,
-        stuck_v=0.0,
-        heating=1.0,
         start_s=np.inf,
         wide=0.0,
         wide_offset=0.002 * u[10],
         steps=0.0,
+        **DownstreamFault("", 0.0).parameters,
     )
 
 
@@ -180,19 +179,7 @@ def installed(
     )
     if fault is None:
         return own
-    return own._replace(
-        capacity_g=fault.capacity_g or own.capacity_g,
-        tau_to_rich_s=fault.tau_to_rich_s,
-        tau_to_lean_s=fault.tau_to_lean_s,
-        delay_to_rich_s=fault.delay_to_rich_s,
-        delay_to_lean_s=fault.delay_to_lean_s,
-        gain=fault.gain,
-        stuck_v=fault.stuck_v,
-        heating=fault.heating,
-        leak=fault.leak,
-        sulphur=fault.sulphur,
-        start_s=start_s,
-    )
+    return own._replace(start_s=start_s, **fault.parameters)
 
 
 def begin(d: Downstream, warm: float) -> Brick:

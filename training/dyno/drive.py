@@ -30,7 +30,7 @@ THROTTLE_MAX = 5.0e-4  # effective area in m2
 
 
 class SimulatedDrive(NamedTuple):
-    """Air side of the plant on the 10 ms grid; every field has shape (n,)."""
+    """Air side of the plant on the 10 ms grid, in the order of ``simulate``; each is (n,)."""
 
     speed_m_s: FloatArray
     engine_rpm: FloatArray
@@ -339,8 +339,8 @@ def simulate(
     c: Conditions,
     e: Effects,
     noise: FloatArray,
-) -> SimulatedDrive:
-    """Return the air side of the plant over the trace.
+) -> FloatArray:
+    """Return the air side of the plant over the trace, the fields of ``SimulatedDrive``, (15, n).
 
     speed_ref : (n,) m/s; gears : (n,) 0 is neutral; brake_n : (n,) load of the dynamometer in N
     noise : (n, 5) standard normal: pedal, air meter, manifold pressure, rail, battery load
@@ -424,23 +424,7 @@ def simulate(
         out[9, k], out[10, k], out[11, k] = a.charge_mg * (rpm / 30.0) * 3.6e-3, coolant, cut
         out[12, k], out[13, k] = rail, 13.9 - load_v + 0.00012 * (rpm - 1500.0)
         out[14, k] = u.duty
-    return SimulatedDrive(
-        speed_m_s=out[0],
-        engine_rpm=out[1],
-        torque_nm=out[2],
-        throttle_percent=out[3],
-        manifold_kpa=out[4],
-        manifold_degc=out[5],
-        air_true_mg=out[6],
-        air_ecu_mg=out[7],
-        maf_kg_h=out[8],
-        exhaust_kg_h=out[9],
-        coolant_degc=out[10],
-        fuel_cut=out[11],
-        rail_mpa=out[12],
-        battery_v=out[13],
-        purge_duty=out[14],
-    )
+    return out
 
 
 def run(
@@ -448,4 +432,5 @@ def run(
 ) -> SimulatedDrive:
     """Return the air side of a drive; ``rng`` draws the noise of driver and sensors."""
     noise = rng.standard_normal((len(trace.speed_m_s), 5))
-    return simulate(trace.speed_m_s, trace.gear, trace.brake_force_n, p, c, e, noise)
+    out = simulate(trace.speed_m_s, trace.gear, trace.brake_force_n, p, c, e, noise)
+    return SimulatedDrive(*out)

@@ -17,6 +17,7 @@ from training.dyno.cycles import STEP_S
 from training.dyno.drive import SimulatedDrive
 from training.dyno.effects import Effects
 from training.dyno.vehicle import STOICHIOMETRIC_AIR_FUEL, Conditions, Piece
+from training.recordings.sensor_fault import SensorParameters
 
 LAMBDA_MAX = 15.9  # highest lambda that the ECU sends, in fuel cut
 HISTORY = 512  # steps of 10 ms in a ring, the longest delay
@@ -31,25 +32,8 @@ _begin_brick = numba.njit(cache=True)(downstream.begin)
 _behind = catalyst.step
 
 
-class SensorParameters(NamedTuple):
-    """A sensor fault as plain numbers for the compiled loop."""
-
-    tau_rising_s: float
-    tau_falling_s: float
-    delay_s: float
-    delay_direction: int
-    gain: float
-    offset_lambda: float
-    stuck_lambda: float
-    ripple_lambda: float
-    drift_lambda: float
-    hold_s: float
-    not_ready: float
-    start_s: float
-
-
 class Mixture(NamedTuple):
-    """Fuel and lambda on the 10 ms grid; every field has shape (n,)."""
+    """Fuel and lambda on the 10 ms grid, in the order of ``simulate``; every field is (n,)."""
 
     fuel_ecu_mg: FloatArray  # per stroke, commanded by the ECU
     lambda_measured: FloatArray
@@ -295,8 +279,8 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
     rear: downstream.Downstream,
     rear_noise: FloatArray,
     rear_warm: float,
-) -> Mixture:
-    """Return fuel and lambda over the drive.
+) -> tuple[FloatArray, FloatArray]:
+    """Return fuel and lambda over the drive, (7, n), and what is behind the catalyst, (5, n).
 
     noise : (n, 3) standard normal: mixture, sensor electronics, drift of the disturbance line
     phi_step : (n,) added to the commanded phi in closed loop
@@ -415,20 +399,7 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
             behind[0, k], behind[1, k], behind[2, k] = brick.volts, brick.heater, brick.degc
             behind[3, k] = brick.reading + catalyst.WIDE_NOISE * rear_noise[k]
             behind[4, k] = brick.x_out
-    return Mixture(
-        fuel_ecu_mg=out[0],
-        lambda_measured=out[1],
-        lambda_target=out[2],
-        lambda_controller=out[3],
-        closed_loop=out[4],
-        sensor_ready=out[5],
-        phi_sensor=out[6],
-        downstream_v=behind[0],
-        downstream_heater=behind[1],
-        brick_degc=behind[2],
-        downstream_reading=behind[3],
-        tailpipe_x=behind[4],
-    )
+    return out, behind
 
 
 def run(
@@ -457,26 +428,16 @@ def run(
     """
     noise = rng.standard_normal((len(drive.engine_rpm), 3))
     f = fault or Fault("healthy", 0.0)
-    sensor = SensorParameters(
-        tau_rising_s=f.tau_rising_s,
-        tau_falling_s=f.tau_falling_s,
-        delay_s=f.delay_s,
-        delay_direction=f.delay_direction,
-        gain=f.gain,
-        offset_lambda=f.offset_lambda,
-        stuck_lambda=f.stuck_lambda,
-        ripple_lambda=f.ripple_lambda,
-        drift_lambda=f.drift_lambda,
-        hold_s=f.hold_s,
-        not_ready=float(f.not_ready or f.missing),
-        start_s=start_s if fault else np.inf,
-    )
+    sensor = SensorParameters.of(f, start_s if fault else np.inf)
     trim = np.empty(0) if forced_trim is None else forced_trim
     course = course or usual_course(drive, p, e)
     n_rear = len(noise) if rear.active and rear_rng is not None else 0
     rear_noise = rear_rng.standard_normal(n_rear) if rear_rng is not None else np.empty(0)
     warm = 1.0 if c.coolant_start_degc > 60.0 else 0.0
-    return simulate(drive, p, c, e, sensor, course, noise, phi_step, trim, rear, rear_noise, warm)
+    own, behind = simulate(
+        drive, p, c, e, sensor, course, noise, phi_step, trim, rear, rear_noise, warm
+    )
+    return Mixture(*own, *behind)
 
 
 def usual_course(d: SimulatedDrive, p: Piece, e: Effects) -> MixtureCourse:

@@ -32,23 +32,27 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
         names = logger.columns(experiment.layout)
         t_s, values = logger.polled(signals, names, period_s)
         write_table(path, t_s, names, values)
-        _note(experiment, path)
-        return path
-    bus_map = ecu.own_bus()
-    rng = np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle])
-    sent = ecu.broadcast(signals, bus_map, rng, experiment.fault, experiment.fault_start_s)
-    if suffix in TABLES:
-        block = ecu.samples(sent, bus_map, round(period_s * 1e9))
-        write_table(path, block.t_ns / 1e9, ecu.names_of(sent, bus_map), block.values)
     else:
-        write_log(path, ecu.frames(sent))
-    _note(experiment, path)
+        bus_map = ecu.own_bus()
+        rng = np.random.default_rng([0x0_2, 5, experiment.seed, experiment.vehicle])
+        sent = ecu.broadcast(signals, bus_map, rng, experiment.fault, experiment.fault_start_s)
+        if suffix in TABLES:
+            block = ecu.samples(sent, bus_map, round(period_s * 1e9))
+            write_table(path, block.t_ns / 1e9, ecu.names_of(sent, bus_map), block.values)
+        else:
+            write_log(path, ecu.frames(sent))
+    entries = manifest.load(path.parent)
+    manifest.save(path.parent, entries | {path.name: describe(experiment, path)})
     return path
 
 
 def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
     """Return the manifest entry of a simulated drive."""
-    fault = experiment.fault
+    fault = experiment.downstream_fault or experiment.fault
+    behind = {}
+    if experiment.downstream:
+        rear = downstream.installed(experiment.vehicle, experiment.downstream_fault, 0.0, 0.0)
+        behind = {"downstream": True, "catalyst_capacity_g": round(rear.capacity_g, 4)}
     return {
         "file": path.name,
         "sha256": manifest.sha256_of(path),
@@ -61,28 +65,6 @@ def describe(experiment: Experiment, path: Path) -> dict[str, Any]:
         "fault_start_s": experiment.fault_start_s if fault else None,
         "in_the_loop": bool(fault),
         "effects": {k: v for k, v in experiment.effects._asdict().items() if v},
-        **_of_downstream(experiment),
+        **behind,
         **({"layout": experiment.layout.name} if experiment.layout else {}),
     }
-
-
-def _of_downstream(experiment: Experiment) -> dict[str, Any]:
-    """Return the manifest's entry of catalyst and downstream sensor, if the vehicle has them."""
-    if not experiment.downstream:
-        return {}
-    fault = experiment.downstream_fault
-    rear = downstream.installed(experiment.vehicle, fault, experiment.fault_start_s, 0.0)
-    own = {"downstream": True, "catalyst_capacity_g": round(rear.capacity_g, 4)}
-    if fault is None:
-        return own
-    return own | {
-        "fault": fault.name,
-        "severity": fault.severity,
-        "fault_start_s": experiment.fault_start_s,
-        "in_the_loop": True,
-    }
-
-
-def _note(experiment: Experiment, path: Path) -> None:
-    entries = manifest.load(path.parent)
-    manifest.save(path.parent, entries | {path.name: describe(experiment, path)})

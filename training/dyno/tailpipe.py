@@ -50,16 +50,6 @@ class Tailpipe(NamedTuple):
     lean: float
 
 
-class EmissionLimit(NamedTuple):
-    """Emissions over the severity of a fault, as multiples of those with a sound sensor."""
-
-    severities: FloatArray  # (n,) from harmless to severe
-    multiples: FloatArray  # (n,) of the pollutant that rises more
-    severity: float | None  # at which the limit is first crossed; None if it is not
-    pollutant: str  # that crosses it, "" if none does
-    of_each: tuple[float | None, ...] = ()  # the same of each drive, a car of its own, alone
-
-
 def emitted(experiment: Experiment) -> Tailpipe:
     """Return what a drive emits; the drive needs a catalyst."""
     air, fuel, _ = driven(experiment)
@@ -69,17 +59,32 @@ def emitted(experiment: Experiment) -> Tailpipe:
     return Tailpipe(float(flow @ np.maximum(-x, 0.0)), float(flow @ slip))
 
 
-def limits(limit: float, drives: Sequence[Experiment] = DRIVES) -> dict[str, EmissionLimit]:
-    """Return for each fault the severity at which the drives emit ``limit`` times as much."""
+def limits(limit: float, drives: Sequence[Experiment] = DRIVES) -> dict[str, dict[str, Any]]:
+    """Return for each fault the severity at which the drives emit ``limit`` times as much, as JSON.
+
+    ``severity``, ``of_each_car`` : where the limit is first crossed, by all drives together and by
+        each, a car of its own, alone; None if it is not
+    ``pollutant`` : that crosses it, "" if none does
+    ``multiples`` : of the emissions with a sound sensor over the ``severities``, of the pollutant
+        that rises more
+    """
     sound = np.array([emitted(each) for each in drives])
     found = {}
     for name, (harmless, severe) in SEVERITIES.items():
         severities = np.geomspace(harmless, severe, STEPS)
         faults = [resolve(name, severity) for severity in severities.tolist()]
         rows = np.array([[emitted(replace(d, fault=f)) for d in drives] for f in faults])
-        whole = _crossed(severities, rows.sum(axis=1) / sound.sum(axis=0), limit)
-        own = (_crossed(severities, rows[:, i] / sound[i], limit) for i in range(len(drives)))
-        found[name] = whole._replace(of_each=tuple(each.severity for each in own))
+        ratios = rows.sum(axis=1) / sound.sum(axis=0)
+        severity, pollutant = _crossed(severities, ratios, limit)
+        each_car = (_crossed(severities, rows[:, i] / sound[i], limit) for i in range(len(drives)))
+        found[name] = {
+            "severity": severity,
+            "unit": "-" if name == "gain_low" else "s",
+            "of_each_car": [own for own, _ in each_car],
+            "pollutant": pollutant,
+            "severities": severities.round(3).tolist(),
+            "multiples": ratios.max(axis=1).round(3).tolist(),
+        }
     return found
 
 
@@ -92,39 +97,23 @@ def proposal(limit: float) -> dict[str, Any]:
     if not limit > 1.0:
         raise UsageError(f"--emission-limit {limit:g}: more than 1 is wanted")
     found = limits(limit)
-    at = {name: each.severity for name, each in found.items()}
-    settings = {
-        key: min((s for name in names if (s := at[name]) is not None), default=None)
-        for key, names in SETTINGS.items()
-    }
-    return {
-        "limit": limit,
-        "source": "simulated",
-        "faults": {
-            name: {
-                "severity": None if each.severity is None else round(each.severity, 3),
-                "unit": "-" if name == "gain_low" else "s",
-                "of_each_car": [s if s is None else round(s, 3) for s in each.of_each],
-                "pollutant": each.pollutant,
-                "severities": each.severities.round(3).tolist(),
-                "multiples": each.multiples.round(3).tolist(),
-            }
-            for name, each in found.items()
-        },
-        "response": {key: round(s, 2) for key, s in settings.items() if s is not None},
-    }
+    response = {}
+    for key, names in SETTINGS.items():
+        if at := [s for name in names if (s := found[name]["severity"]) is not None]:
+            response[key] = round(min(at), 2)
+    return {"limit": limit, "source": "simulated", "faults": found, "response": response}
 
 
-def _crossed(severities: FloatArray, ratios: FloatArray, limit: float) -> EmissionLimit:
+def _crossed(severities: FloatArray, ratios: FloatArray, limit: float) -> tuple[float | None, str]:
     """Return where the larger ratio, (n, 2), crosses the limit, between severities by a line."""
     worst = ratios.max(axis=1)
     beyond = np.flatnonzero(worst > limit)
     if not len(beyond):
-        return EmissionLimit(severities, worst, None, "")
+        return None, ""
     k = int(beyond[0])
     pollutant = ("CO and HC", "NOx")[int(ratios[k].argmax())]
     if k == 0:
-        return EmissionLimit(severities, worst, float(severities[0]), pollutant)
+        return round(float(severities[0]), 3), pollutant
     part = (limit - worst[k - 1]) / (worst[k] - worst[k - 1])
     severity = severities[k - 1] * (severities[k] / severities[k - 1]) ** part
-    return EmissionLimit(severities, worst, float(severity), pollutant)
+    return round(float(severity), 3), pollutant

@@ -9,7 +9,7 @@ from monitor.base.errors import UsageError
 from monitor.base.faults import resolve
 from training.dyno import tailpipe
 from training.dyno.simulation import Experiment
-from training.dyno.tailpipe import EmissionLimit, emitted, limits, proposal
+from training.dyno.tailpipe import emitted, limits, proposal
 from training.limits.calibration_page import emissions
 
 DRIVES = [Experiment("udds", 8300, 31, duration_s=500.0, downstream=True)]
@@ -25,26 +25,27 @@ def test_a_weaker_sensor_lets_more_pass_the_catalyst() -> None:
 
 def test_the_limit_lies_where_the_emissions_cross_it(monkeypatch: pytest.MonkeyPatch) -> None:
     # GIVEN emissions of drives over the severity of a weak sensor, and of a lag that costs nothing
-    monkeypatch.setattr(
-        tailpipe, "SEVERITIES", {"gain_low": (0.9, 0.1), "slow_symmetric": (1e-3, 2e-3)}
-    )
+    severities = {"gain_low": (0.9, 0.1), "slow_symmetric": (1e-3, 2e-3)}
+    monkeypatch.setattr(tailpipe, "SEVERITIES", severities)
     monkeypatch.setattr(tailpipe, "STEPS", 4)
     # WHEN limits are read from them
     found = limits(1.5, DRIVES)
     # THEN one lies between the severities around the crossing, and the other is not told
     weak = found["gain_low"]
-    k = int(np.flatnonzero(weak.multiples > 1.5)[0])
-    assert weak.severity is not None and k > 0
-    assert weak.severities[k] <= weak.severity <= weak.severities[k - 1]
-    assert weak.of_each == (weak.severity,)  # of the only car
-    assert found["slow_symmetric"].severity is None
+    k = int(np.flatnonzero(np.array(weak["multiples"]) > 1.5)[0])
+    assert k > 0
+    assert weak["severities"][k] <= weak["severity"] <= weak["severities"][k - 1]
+    assert weak["of_each_car"] == [weak["severity"]]  # of the only car
+    assert found["slow_symmetric"]["severity"] is None
 
 
 def test_settings_follow_from_the_severest_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     at = dict.fromkeys(tailpipe.SEVERITIES, 1.0) | {"gain_low": None}
     at |= {"slow_rich_to_lean": 0.8, "slow_lean_to_rich": 0.6}
-    curve = np.ones(2)
-    made = {name: EmissionLimit(curve, curve, s, "NOx" * bool(s), (s,)) for name, s in at.items()}
+    made = {
+        name: {"severity": s, "unit": "s", "of_each_car": [s], "pollutant": "NOx" * bool(s)}
+        for name, s in at.items()
+    }
     monkeypatch.setattr(tailpipe, "limits", lambda limit: made)
     told = proposal(1.5)
     assert told["source"] == "simulated"
