@@ -120,10 +120,12 @@ def fit(
         raise UsageError(f"{out}: a model file ends in .onnx")
     if kind not in ("narx", "greybox"):
         raise UsageError(f"kind {kind!r}: narx or greybox is wanted")
+    if kind == "greybox" and shape:
+        raise UsageError(f"{', '.join(shape)}: a grey-box model has no such thing, a NARX has")
     drives = load_recordings(recordings, period_s=period_s, buses=buses, columns=columns)
     check_each_once(drives)
     if kind == "greybox":
-        chain = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed, **shape)
+        chain = fit_greybox(drives, out, inputs=inputs, output=output, seed=seed)
         return Fit.of(chain, drives, columns)
     source = FitSource(drives, inputs or choose_inputs(drives, output), output)
     return Fit.of(fit_narx(source, out, FitOptions(seed=seed, **shape)), drives, columns)

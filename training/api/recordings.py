@@ -17,6 +17,7 @@ def load_recordings(
     channel: str = "",
     columns: str | Path | None = None,
     of_model: Mapping[str, Any] | None = None,
+    one_grid: bool = False,
 ) -> list[Recording]:
     """Return recordings on one grid each.
 
@@ -27,6 +28,7 @@ def load_recordings(
     channel : of logs that hold several buses
     columns : columns map or profile for tables
     of_model : profile in a model's card, for a logger's file that it fits
+    one_grid : take the slowest period for all tables, as for loggers' files
     Raises RecordingError, UsageError or SignalMapError naming the file and what is wrong.
 
     >>> import numpy as np
@@ -47,7 +49,8 @@ def load_recordings(
 
     found = [read(number, one, period_s) for number, one in enumerate(several)]
     widest_ns = max((each.period_ns for each in found), default=0)
-    if period_s is None and any(each.profile and each.period_ns != widest_ns for each in found):
+    slower = [each for each in found if each.period_ns != widest_ns]
+    if period_s is None and any(one_grid or each.profile for each in slower):
         found = [
             each if each.period_ns == widest_ns else read(number, one, widest_ns / 1e9)
             for number, (one, each) in enumerate(zip(several, found, strict=True))

@@ -113,12 +113,9 @@ def estimate_tables(
     """
     if load not in LOADS:
         raise UsageError(f"load {load!r}: kpa or mg is wanted")
-    how: dict[str, Any] = {"buses": buses, "columns": columns}
+    how: dict[str, Any] = {"buses": buses, "columns": columns, "one_grid": True}
     drives = load_recordings(recordings, period_s=period_s, **how)
     check_each_once(drives)
-    slowest_ns = max(each.period_ns for each in drives)
-    if any(each.period_ns != slowest_ns for each in drives):
-        drives = load_recordings(recordings, period_s=slowest_ns / 1e9, **how)
     subject = signals.subject_of(drives, LOADS[load], displacement_l, cylinders)
     own = () if axes is None else read_axes(Path(axes), subject.load)
     return tables.tables(fit.fit(subject), axes_of(subject.load, *own), config.defaults())

@@ -1,7 +1,6 @@
 """The command ``o2train calibrate``: set the decision limits of a model."""
 
 import sys
-from json import dumps
 from typing import Annotated
 
 from monitor.base.command_line.parameters import Output, Recordings, SettingsFile
@@ -47,6 +46,7 @@ def run(
     from monitor.base.errors import UsageError
     from monitor.base.files.outputs import write_text
     from monitor.model.step import Model
+    from training.jobs.run_folder import write_json
     from training.limits.calibration import calibrate
     from training.limits.calibration_page import as_page, as_text
     from training.narx.export import update_card
@@ -59,20 +59,16 @@ def run(
         from training.dyno.tailpipe import proposal
 
         emissions["emissions"] = proposal(emission_limit)
-    period_s = Model.load(model).card.period_ns / 1e9
-    card, result = calibrate(
-        model,
-        load_all(reading, healthy, period_s, model),
-        load_all(reading, faulty, period_s, model),
-        config.load(settings.config),
-    )
+    before = Model.load(model).card
+    good, bad = (load_all(reading, g, before.period_ns / 1e9, before) for g in (healthy, faulty))
+    card, result = calibrate(model, good, bad, config.load(settings.config))
     result |= emissions
     update_card(model, card, goal)
     for warning in result["warnings"]:
         print(f"o2train: warning: {warning}", file=sys.stderr)
     print(as_text(result))
     if json:
-        write_text(json, dumps(result, indent=1, allow_nan=False) + "\n")
+        write_json(json, result, indent=1)
     if report:
         write_text(report, as_page(result))
     print(f"limits written to {goal}")

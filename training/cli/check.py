@@ -1,7 +1,6 @@
 """The command ``o2train check``: judge before a training whether recordings suffice."""
 
 from collections.abc import Sequence
-from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,6 +39,7 @@ def run(
     from monitor.base.errors import RecordingError
     from monitor.base.files.outputs import write_text
     from monitor.base.signals import NARX_INPUTS, OUTPUT
+    from training.jobs.run_folder import write_json
     from training.limits.data_check.check import check
     from training.limits.data_check.findings import as_page, as_text, verdict
 
@@ -48,7 +48,7 @@ def run(
     result = check(found, inputs, signals.output or OUTPUT, unreadable=unreadable)
     print(as_text(result))
     if json:
-        write_text(json, dumps(result, indent=1, allow_nan=False) + "\n")
+        write_json(json, result, indent=1)
     if html:
         write_text(html, as_page(result))
     if not result["usable"]:

@@ -1,7 +1,5 @@
 """The command ``o2train evaluate``."""
 
-from json import dumps
-
 from monitor.base.command_line.parameters import Number, Output
 from monitor.base.counts import plain
 from training.cli.options import GridOptions, ModelPath, SomeRecordings, load_all
@@ -32,15 +30,14 @@ def run(
     json : write the figures as JSON
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
-    from monitor.base.files.outputs import write_text
     from monitor.model.step import Model
+    from training.jobs.run_folder import write_json
     from training.limits.evaluation import alarms_in_words, evaluate
 
     card = Model.load(model).card
     period_s = reading.period if reading.period is not None else card.period_ns / 1e9
-    result = evaluate(
-        model, load_all(reading, recordings, period_s, model), washout, healthy=healthy
-    )
+    drives = load_all(reading, recordings, period_s, card)
+    result = evaluate(model, drives, washout, healthy=healthy)
     for r in result["recordings"]:
         fit = r["fit_percent"]
         simulated = " (simulated)" if r["source"] == "simulated" else ""
@@ -57,7 +54,7 @@ def run(
     if healthy:
         print(alarms_in_words(result["false_alarms"]))
     if json:
-        write_text(json, dumps(result, indent=1, allow_nan=False) + "\n")
+        write_json(json, result, indent=1)
     return 0
 
 

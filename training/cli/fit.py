@@ -1,21 +1,34 @@
 """The command ``o2train fit``."""
 
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from monitor.base.command_line.parameters import Number
 from monitor.base.counts import plain
-from training.cli.kinds import greybox
-from training.cli.kinds.fit_command import FitCommand
-from training.cli.options import inputs_of, load_all
+from training.cli.options import (
+    GridOptions,
+    Minutes,
+    NewModel,
+    Page,
+    SeedOption,
+    SignalOptions,
+    SomeRecordings,
+    inputs_of,
+    load_all,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from monitor.model.card import ModelCard
+    from training.greybox.model import GreyboxResult
     from training.narx.fit import FitOptions, FitResult
     from training.recordings.recording import Recording
 
+OF_NETWORKS = ("lags", "lag_zero", "hidden", "starts", "budget", "wall")
 EXAMPLES = """examples:
   o2train fit drive1.log drive2.log drive3.log --out model.onnx
   o2train fit run_*.csv.gz --inputs speed_z load_z ignition_angle_z fuel_cutoff_z \\
@@ -25,6 +38,37 @@ EXAMPLES = """examples:
   o2train fit drive*.log --kind greybox --out chain.onnx --inputs fuel_mass_mg \\
       manifold_pressure_kpa manifold_temperature_degc engine_speed_rpm
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitCommand(SignalOptions, SeedOption, GridOptions):
+    """Options of a fit.
+
+    out : model file to write
+    kind : narx: a network; greybox: the physical chain of charge and fuel, transport, mixing and
+        sensor with a few constants
+    lags : longest lag in samples (default: chosen from the data; 5 with --hidden)
+    lag_zero : let the network also read the inputs of the predicted tick (without --lags and
+        --hidden the data choose the lags)
+    hidden : neurons per hidden layer (default: chosen from the data; 8 8 with --lags)
+    starts : number of trainings from random weights (default: 3 of a shape that is given, of which
+        the best is the model; about 4 after a search, whose mean is)
+    budget : work of the training, in minutes of one core of a 2.1 GHz Xeon; the same seed, data
+        and budget give the same file on every machine of a kind
+    wall : minutes after which the training ends early, whatever is left of its work
+    report : report to write (default: beside the model file)
+    """
+
+    recordings: SomeRecordings = field(kw_only=False)
+    out: NewModel
+    kind: Literal["narx", "greybox"] = "narx"
+    lags: Number | None = None
+    lag_zero: bool = False
+    hidden: Annotated[Sequence[int] | None, "N"] = None
+    starts: Number | None = None
+    budget: Minutes = 10.0
+    wall: Minutes | None = None
+    report: Page = None
 
 
 def run(args: FitCommand) -> int:
@@ -40,24 +84,25 @@ def run(args: FitCommand) -> int:
     Raises UsageError or RecordingError (exit code 2).
     """
     from training.api.models import Fit
-    from training.cli.console.progress import Progress
+    from training.cli.progress import Progress
     from training.narx.fit import FitResult
     from training.narx.page.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
 
-    _check(args)
+    options = _options(args)
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
-    outcome = _narx(args, recordings) if args.kind == "narx" else greybox.fit(args, recordings)
+    fit = _narx if args.kind == "narx" else _greybox
+    outcome = fit(args, recordings, options)
     with Progress(None, unit="step") as bar:
         fitted = Fit.of(outcome, recordings, args.columns, bar.step)
     _tell_reference(fitted.card)
     for warning in fitted.warnings:
         print(f"o2train: warning: {warning}", file=sys.stderr)
     if isinstance(outcome, FitResult):
-        _print_fit(outcome)
+        _print_narx(outcome)
     else:
-        greybox.print_fit(outcome)
+        _print_greybox(outcome)
     fitted.write_report(_report(args))
     _print_measures(fitted.card)
     print(fit_verdict(fitted.card)[0])
@@ -70,34 +115,21 @@ def also_written(args: FitCommand) -> list[Path]:
     return [] if args.report else [_report(args)]
 
 
-def _check(args: FitCommand) -> None:
-    """Raise UsageError for impossible options, before any recording is read."""
-    from monitor.base.errors import UsageError
-
-    if args.out.suffix != ".onnx":
-        raise UsageError(f"--out {args.out}: a model file ends in .onnx")
-    _options(args)
-    if args.kind == "greybox":
-        greybox.check(args)
-
-
 def _report(args: FitCommand) -> Path:
     return args.report or args.out.with_suffix(".html")
 
 
-def _narx(args: FitCommand, recordings: "list[Recording]") -> "FitResult":
-    from monitor.base.signals import OUTPUT
-    from training.cli.console.progress_bar import Bar
-    from training.narx.fit import FitSource, fit
-
-    source = FitSource(recordings, inputs_of(args, recordings), args.output or OUTPUT)
-    with Bar(args.budget) as bar:
-        return fit(source, args.out, _options(args, progress=bar.update, tried=bar.tried))
-
-
-def _options(args: FitCommand, **told: Any) -> "FitOptions":
+def _options(args: FitCommand) -> "FitOptions":
+    """Return how a network is trained; raises UsageError for impossible options of any kind."""
+    from monitor.base.errors import UsageError
     from training.narx.fit import FitOptions
 
+    if args.out.suffix != ".onnx":
+        raise UsageError(f"--out {args.out}: a model file ends in .onnx")
+    given = [name for name in OF_NETWORKS if getattr(args, name) != getattr(FitCommand, name)]
+    if args.kind == "greybox" and given:
+        wrong = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise UsageError(f"{wrong}: a grey-box model has no such thing, a NARX has")
     return FitOptions(
         lags=args.lags,
         hidden=tuple(args.hidden) if args.hidden else None,
@@ -106,8 +138,35 @@ def _options(args: FitCommand, **told: Any) -> "FitOptions":
         budget_minutes=args.budget,
         wall_minutes=args.wall,
         seed=args.seed,
-        **told,
     )
+
+
+def _narx(args: FitCommand, recordings: "list[Recording]", options: "FitOptions") -> "FitResult":
+    from monitor.base.signals import OUTPUT
+    from training.cli.progress import Budget
+    from training.narx.fit import FitSource, fit
+
+    source = FitSource(recordings, inputs_of(args, recordings), args.output or OUTPUT)
+    with Budget(args.budget) as bar:
+        return fit(source, args.out, replace(options, progress=bar.spend, tried=bar.tried))
+
+
+def _greybox(
+    args: FitCommand, recordings: "list[Recording]", options: "FitOptions"
+) -> "GreyboxResult":
+    from monitor.base.signals import OUTPUT
+    from training.cli.progress import Share
+    from training.greybox.model import fit_greybox
+
+    with Share("grey-box fit") as bar:
+        return fit_greybox(
+            recordings,
+            args.out,
+            inputs=args.inputs,
+            output=args.output or OUTPUT,
+            seed=options.seed,
+            progress=bar.update,
+        )
 
 
 def _tell_reference(card: "ModelCard") -> None:
@@ -115,7 +174,7 @@ def _tell_reference(card: "ModelCard") -> None:
         print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
 
 
-def _print_fit(result: "FitResult") -> None:
+def _print_narx(result: "FitResult") -> None:
     from training.narx.network import describe
 
     spec = result.chosen.model.spec
@@ -128,6 +187,23 @@ def _print_fit(result: "FitResult") -> None:
         f"{result.path}: {n} samples, {result.chosen.model.spec.n_weights} weights, "
         f"{result.seconds:.0f} s"
     )
+
+
+def _print_greybox(result: "GreyboxResult") -> None:
+    n = len(result.data.role)
+    print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
+    for name, constant in result.card.structure["constants"].items():
+        print(constant_line(name, constant))
+    for effect in result.greybox.own:
+        print(f"healthy vehicle's {effect.in_words}")
+
+
+def constant_line(name: str, constant: "Mapping[str, Any]") -> str:
+    """Return one line of text for a constant of the model card, with its unit and error."""
+    value, error, unit = (constant[key] for key in ("value", "standard_error", "unit"))
+    if error > abs(value):
+        return f"constant {name}: {value:.4f} {unit} (the recordings hardly hold it)"
+    return f"constant {name}: {value:.4f} ± {error:.4f} {unit}"
 
 
 def _print_measures(card: "ModelCard") -> None:

@@ -83,23 +83,20 @@ def run(args: GapCommand) -> int:
 
     Raises UsageError, ModelError or RecordingError (exit code 2).
     """
-    from training.cli.console.progress import Progress
+    from training.cli.progress import Progress
     from training.gap.inputs.roles import GapOptions, Material
     from training.gap.pages import gap_page
     from training.gap.pages.verdict_words import cautions
     from training.gap.result import save
     from training.gap.workflow import investigate
+    from training.healthy.base import card_of
 
     gc.freeze()  # of the imported modules nothing becomes garbage
     options = GapOptions(args.steps, args.sensor_known_good, args.add)
-    period_s = args.period if args.period is not None else _period_s(args.model)
-    material = Material(
-        args.model,
-        *(
-            load_all(args, given, period_s, args.model)
-            for given in (args.recordings, args.healthy, args.verify)
-        ),
-    )
+    card = card_of(args.model)
+    period_s = args.period if args.period is not None else card.period_ns / 1e9
+    roles = (args.recordings, args.healthy, args.verify)
+    material = Material(args.model, *(load_all(args, each, period_s, card) for each in roles))
     with Progress(None, unit="step") as bar:
         result = investigate(material, args.out, options, progress=bar.step)
     for warning in cautions(result):
@@ -108,12 +105,6 @@ def run(args: GapCommand) -> int:
     gap_page.save(result, args.out / REPORT)
     _print(result, args.out)
     return 0
-
-
-def _period_s(model: Path) -> float:
-    from training.healthy.base import card_of
-
-    return card_of(model).period_ns / 1e9
 
 
 def _print(result: "Result", out: Path) -> None:

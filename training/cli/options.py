@@ -18,6 +18,7 @@ from monitor.base.command_line.parameters import (
 from monitor.base.errors import UsageError
 
 if TYPE_CHECKING:
+    from monitor.model.card import ModelCard
     from training.recordings.recording import Recording
 
 FORMATS: Final = (
@@ -93,15 +94,19 @@ class CoreOptions:
 
 
 def load_all(
-    args: ReadOptions, given: Sequence[Path], period_s: float | None, model: Path | None = None
+    args: ReadOptions,
+    given: Sequence[Path],
+    period_s: float | None,
+    card: "ModelCard | None" = None,
+    *,
+    one_grid: bool = False,
 ) -> "list[Recording]":
     """Return recordings, read with these options, and print how the files of loggers were read.
 
-    period_s : sample period of logs and, if set, of tables; None as in ``recording.load``
-    model : whose profile reads a logger's file
+    period_s, one_grid : as in ``load_recordings``
+    card : of the model whose profile reads a logger's file
     Raises RecordingError or UsageError; the message names the file and the reason.
     """
-    from monitor.model.step import Model
     from training.api.recordings import load_recordings
 
     found = load_recordings(
@@ -110,7 +115,8 @@ def load_all(
         buses=args.pairs or None,
         channel=args.channel,
         columns=args.columns,
-        of_model=Model.load(model).card.profile if model else None,
+        of_model=card.profile if card else None,
+        one_grid=one_grid,
     )
     tell_notes(found)
     return found

@@ -1,6 +1,5 @@
 """The command ``o2train tables``: lambda delay, wall film and injector tables from recordings."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +19,6 @@ NAMES = (  # of the tables' files
 if TYPE_CHECKING:
     from training.pages.heat import Heat
     from training.recordings.ecu_table import EcuTable
-    from training.recordings.recording import Recording
 
 EXAMPLES = """examples:
   o2train tables drive.csv --out tables
@@ -62,13 +60,13 @@ def run(args: TablesCommand) -> int:
 
     Raises RecordingError or UsageError (exit code 2).
     """
-    from training.cli.console.share_bar import Share
+    from training.cli.progress import Share
     from training.ecu_tables import balance, config, files, fit, msq, page, signals, tables
     from training.recordings.ecu_table import axes_of
     from training.recordings.recording import check_each_once
     from training.recordings.start import start_of
 
-    recordings = of_one_period(args)
+    recordings = load_all(args, args.recordings, args.period, one_grid=True)
     check_each_once(recordings)
     subject = signals.subject_of(recordings, LOADS[args.load], args.displacement_l, args.cylinders)
     own = () if args.axes is None else msq.read_axes(args.axes, subject.load)
@@ -98,21 +96,10 @@ def run(args: TablesCommand) -> int:
     for table in made:
         if text := grid(page.heading(table), page.heat(table)):
             print(text)
-    print(f"{args.out / 'report.html'}: {subject.samples} usable samples, {subject.air.value}")
+    period_s = recordings[0].period_ns / 1e9
+    told = f"{subject.samples} usable samples of {period_s:g} s, {subject.air.value}"
+    print(f"{args.out / 'report.html'}: {told}")
     return 0
-
-
-def of_one_period(args: TablesCommand) -> "list[Recording]":
-    """Return the recordings on one grid: that of ``--period``, or the slowest of their own."""
-    recordings = load_all(args, args.recordings, args.period)
-    slowest = max(r.period_ns for r in recordings)
-    if any(r.period_ns != slowest for r in recordings):
-        print(
-            f"o2train: warning: the recordings have several periods; {slowest / 1e9:g} s is used",
-            file=sys.stderr,
-        )
-        recordings = load_all(args, args.recordings, slowest / 1e9)
-    return recordings
 
 
 def grid(title: str, heat: "Heat") -> str:

@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from monitor.base.files.outputs import write_text
-from training.recordings.ecu_table import EcuTable, document, nulls
+from training.jobs.json_tree import json_tree
+from training.recordings.ecu_table import DIGITS, SCHEMA, EcuTable
 
 NAMESPACE: Final = "http://www.EFIAnalytics.com/:table"
 DOCUMENT: Final = "tables.json"
@@ -32,7 +33,8 @@ def write_files(folder: Path, tables: Sequence[EcuTable], **more: Any) -> None:
         if path.name not in texts:
             path.unlink()
     digests = {name: sha256(text.encode()).hexdigest() for name, text in sorted(texts.items())}
-    tree = document(tables, **more, files=digests)
+    made = [table.document() for table in tables]
+    tree = {"schema": SCHEMA, **more, "files": digests, "tables": made}
     write_text(folder / DOCUMENT, json.dumps(tree, indent=1) + "\n")
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -60,8 +62,8 @@ def csv(table: EcuTable) -> str:
     lines.writerow([*names, held, "low", "high", "samples", "log", "at_s"])
     for at in np.ndindex(table.estimate.shape):
         place = [f"{axis.values[k]:g}" for axis, k in zip(table.axes, at, strict=True)]
-        values = [nulls(v[at]) for v in (table.estimate, table.low, table.high)]
-        stay = [table.log[at], nulls(table.at_s[at])] if table.log.size else ["", ""]
+        values = [json_tree(v[at], DIGITS) for v in (table.estimate, table.low, table.high)]
+        stay = [table.log[at], json_tree(table.at_s[at], DIGITS)] if table.log.size else ["", ""]
         lines.writerow([*place, *values, table.samples[at], *stay])
     return out.getvalue()
 

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from monitor.base.counts import plain
 from monitor.base.types import FloatArray, IntArray, Shown
+from training.jobs.json_tree import json_tree
 
 SCHEMA: Final = "o2train.tables/1"
+DIGITS: Final = 6  # of numbers in files
 MG_PER_STROKE, KPA = "air_mass_mg", "manifold_pressure_kpa"
 LOAD_UNITS: Final[Mapping[str, str]] = {KPA: "kPa", MG_PER_STROKE: "mg/stroke"}
 LOADS: Final[Mapping[str, tuple[float, ...]]] = {
@@ -126,12 +128,12 @@ class EcuTable(Shown):
             "unit": self.unit,
             **({} if band is None else {"coolant_degc": _band(band)}),
             "axes": [{"name": a.name, "unit": a.unit, "values": list(a.values)} for a in self.axes],
-            "estimate": nulls(self.estimate),
-            "low": nulls(self.low),
-            "high": nulls(self.high),
+            "estimate": json_tree(self.estimate, DIGITS),
+            "low": json_tree(self.low, DIGITS),
+            "high": json_tree(self.high, DIGITS),
             "samples": self.samples.tolist(),
             "log": self.log.tolist(),
-            "at_s": nulls(self.at_s),
+            "at_s": json_tree(self.at_s, DIGITS),
             "blank": {why: cells for why, cells in self.blank.items() if cells},
             "widened": round(self.widened, 3),
         }
@@ -143,22 +145,6 @@ def axes_of(load: str, speeds: Sequence[float] = (), loads: Sequence[float] = ()
         Axis("engine_speed_rpm", "1/min", tuple(speeds) or SPEEDS_RPM),
         Axis(load, LOAD_UNITS[load], tuple(loads) or LOADS[load]),
     )
-
-
-def document(tables: Sequence[EcuTable], **more: Any) -> dict[str, Any]:
-    """Return the tables of one vehicle as JSON holds them."""
-    return {"schema": SCHEMA, **more, "tables": [table.document() for table in tables]}
-
-
-def nulls(values: FloatArray) -> Any:
-    """Return nested lists with None for NaN, rounded to six significant digits.
-
-    >>> nulls(np.array([[1.0, np.nan]]))
-    [[1.0, None]]
-    """
-    if values.ndim:
-        return [nulls(each) for each in values]
-    return None if np.isnan(values) else float(f"{values:.6g}")
 
 
 def _band(band: CoolantBand) -> dict[str, float]:

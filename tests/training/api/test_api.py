@@ -11,6 +11,7 @@ import pytest
 import training
 from monitor import O2Error, replay
 from monitor.base.signals import OUTPUT
+from monitor.pipeline.replay import shipped_model
 from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
 from training.narx.fit import FitOptions
@@ -99,6 +100,8 @@ def test_a_gap_is_looked_for_in_any_output(model: Path, tmp_path: Path) -> None:
         (lambda out: fit([], out / "m.onnx"), "no recordings: one or more"),
         (lambda out: fit(drive_of(1), out / "m.onnx", kind="grey"), "kind 'grey': narx or grey"),
         (lambda out: fit(drive_of(1), out / "m.onnx", inputs=INPUTS, lags=0), "lags 0: 1 or more"),
+        (lambda out: fit({}, out / "m.onnx", kind="greybox", lags=3), "lags: a grey-box model has"),
+        (lambda _: evaluate(shipped_model(), []), "no recordings: one or more"),
         (lambda _: FitOptions(budget_minutes=np.inf), "budget inf: wanted are minutes"),
         (lambda _: FitOptions(wall_minutes=np.nan), "wall nan: wanted are minutes"),
         (lambda _: estimate_tables([]), "no recordings: one or more"),

@@ -8,8 +8,8 @@ import pytest
 
 import training
 from training.cli import evaluate
+from training.cli.fit import FitCommand
 from training.cli.gap import GapCommand
-from training.cli.kinds.fit_command import FitCommand
 from training.cli.tables import TablesCommand
 from training.narx.fit import FitOptions
 

@@ -16,7 +16,7 @@ from benchmarks.verdicts.true_tables import true_tables
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.cli import main
-from training.cli.console.share_bar import Share
+from training.cli.progress import Share
 from training.cli.tables import grid
 from training.dyno.engine import EngineLayout, dead_time_ms, engine
 from training.dyno.recording_files import write

@@ -10,7 +10,7 @@ from monitor import cli as o2mon
 from monitor.model.step import Model
 from tests.conftest import ROOT
 from training.cli import main as o2train
-from training.cli.kinds.greybox import constant_line
+from training.cli.fit import constant_line
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.greybox.charge import INPUTS

@@ -1,1 +1,0 @@
-"""Progress of long commands on the console."""
