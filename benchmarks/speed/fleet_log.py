@@ -37,7 +37,7 @@ from monitor.report.model_facts import model_info
 from monitor.report.page import write_report
 from training.dyno import ecu
 from training.dyno.simulation import simulate
-from training.limits.side_by_side import RecordingJudge
+from training.limits.judging import RecordingJudge
 from training.recordings.files.can_log import write_log
 
 TARGETS = {"candump": 500.0, "BLF": 500.0}  # times real time

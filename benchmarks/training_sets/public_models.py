@@ -20,10 +20,10 @@ import numpy as np
 from benchmarks.speed.training_packages import package
 from benchmarks.training_sets.public_data import Plant, PlantRecord
 from monitor.model.step import Model
-from training.limits.evaluation import predict
 from training.narx.fit import FitOptions, FitSource, fit
 from training.narx.linear.arx import arx_delays, best_in_free_run, largest_order, triangle
 from training.narx.network import describe
+from training.recordings.prediction import predict
 from training.recordings.recording import of_columns
 
 FROLS_LAGS, FROLS_DEGREES, FROLS_INFO_VALUES = (2, 3, 5), (1, 2, 3), 30

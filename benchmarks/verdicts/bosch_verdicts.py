@@ -32,8 +32,7 @@ from monitor.judge.limits import Limits
 from monitor.judge.trust import Trust
 from monitor.model.step import Model
 from training import cli
-from training.limits.judging import judge_recordings
-from training.limits.side_by_side import Judged
+from training.limits.judging import Judged, judge_recordings
 from training.recordings import metrics
 from training.recordings.recording import Recording
 

@@ -21,7 +21,7 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
-from training.limits.judging import judge
+from training.limits.judging import judge_recordings
 from training.recordings import metrics
 from training.recordings.recording import Recording, load
 
@@ -36,12 +36,9 @@ def simulated(folder: Path, **what: object) -> Recording:
 
 def figures(measured: np.ndarray, predicted: np.ndarray) -> dict[str, float]:
     """Return the figures on lambda."""
-    return {
-        "r": metrics.correlation(measured, predicted),
-        "RMSE": metrics.rmse(measured, predicted),
-        "slope": metrics.slope(measured, predicted),
-        "mean error": float((measured - predicted).mean()),
-    }
+    found = metrics.measures(measured, predicted)
+    names = {"r": "correlation", "RMSE": "rmse", "slope": "slope", "mean error": "residual_mean"}
+    return {title: found[name] for title, name in names.items()}
 
 
 def main(argv: Sequence[str]) -> int:
@@ -58,7 +55,7 @@ def main(argv: Sequence[str]) -> int:
         baseline = fit_baseline([drive(cycle=c, seed=s) for c, s in TRAINING])
         for vehicle in range(1, args.vehicles + 1):
             recording = drive(vehicle=vehicle, seed=TEST_SEED + vehicle - 1)
-            judged = judge(recording, model, limits, settings)
+            judged = judge_recordings([recording], model, limits, settings)[0]
             on, first = judged.enabled, 1.0 / baseline.predict(recording)
             for which, predicted in (("shipped", judged.predicted), ("baseline", first)):
                 told = figures(recording.column(model.card.output.name)[on], predicted[on])

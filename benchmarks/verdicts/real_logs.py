@@ -41,7 +41,7 @@ from monitor.grid.tables import Table, is_table, read_table
 from monitor.model.step import Model
 from monitor.pipeline import replay
 from training.cli import main as o2train
-from training.limits.judging import judge
+from training.limits.judging import judge_recordings
 from training.recordings.recording import Recording, load
 from training.recordings.samples.preparation import pinned_rows
 from training.recordings.sensor_fault import faulty_readings
@@ -187,7 +187,8 @@ def _scored(
     recording = load(left_out, period_s=setup.model.card.period_ns / 1e9, columns=vehicle.profile)
     found = named = 0
     for name in FAULTS:
-        verdict = judge(faulty(recording, name), setup.model, setup.limits, setup.config)
+        drive = faulty(recording, name)
+        verdict = judge_recordings([drive], setup.model, setup.limits, setup.config)[0]
         given = {fault for dtc in verdict.dtcs for fault in (dtc.fault, *dtc.also)}
         found, named = found + bool(given), named + (name in given)
         best = max((w.statistics.response.evidence for w in verdict.windows), default=0.0)

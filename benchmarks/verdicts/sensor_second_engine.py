@@ -44,7 +44,7 @@ from monitor.grid.table_samples import READY, table_block
 from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
-from training.limits.side_by_side import Judged
+from training.limits.judging import Judged
 from training.recordings.sensor_fault import faulty_readings
 
 CONFIG: Final = config.load()

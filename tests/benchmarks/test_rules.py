@@ -20,7 +20,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.recordings import recording_of_samples
 from tests.helpers.drives.simulated_drives import WARM, sampled
 from training.dyno.simulation import Experiment
-from training.limits.judging import judge
+from training.limits.judging import judge_recordings
 
 RATE = 0.05
 HEALTHY = Experiment(cycle="hwfet", conditions=WARM)
@@ -28,8 +28,8 @@ HEALTHY = Experiment(cycle="hwfet", conditions=WARM)
 
 def windows(*experiments: Experiment) -> Windows:
     model, settings = Model.load(shipped_model()), config.load()
-    drives = (recording_of_samples(*sampled(each)) for each in experiments)
-    return Windows.of([judge(drive, model, NO_LIMITS, settings).windows for drive in drives])
+    drives = [recording_of_samples(*sampled(each)) for each in experiments]
+    return Windows.of([d.windows for d in judge_recordings(drives, model, NO_LIMITS, settings)])
 
 
 @pytest.fixture(scope="module")

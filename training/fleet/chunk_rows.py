@@ -1,9 +1,9 @@
-"""Result of a chunk: its rows as parquet files and its cost, sent back by the worker."""
+"""Result of a chunk: the rows of its tables and its cost, sent back by the worker."""
 
-import io
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import polars as pl
 
@@ -14,16 +14,24 @@ from training.fleet.rows import Row, failed_row
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """Rows of a chunk as parquet files, and the cost of the chunk."""
+    """Rows of a chunk, one per recording and one per window."""
 
-    recordings: bytes  # parquet file, one row per recording
-    windows: bytes  # parquet file, one row per window
-    drives: int
-    errors: int  # drives that could not be judged
-    faults: int  # drives with a code
+    recordings: pl.DataFrame
+    windows: pl.DataFrame
     seconds: dict[str, float]  # processor time by step: read, judge, rows
-    driving_s: float
-    size_bytes: int  # of the recordings
+
+    @property
+    def cost(self) -> dict[str, Any]:
+        """Return drives, those with an error and with a code, times, bytes of the recordings."""
+        rows = self.recordings
+        return {
+            "drives": len(rows),
+            "errors": int(rows["error"].is_not_null().sum()),
+            "faults": int(rows["fault_flag"].sum()),
+            "seconds": self.seconds,
+            "driving_s": sum(rows["duration_s"].drop_nulls().to_list(), 0.0),
+            "size_bytes": int(rows["size_bytes"].sum()),
+        }
 
 
 def failed(drives: Sequence[FleetDrive], reason: str) -> Done:
@@ -34,12 +42,10 @@ def failed(drives: Sequence[FleetDrive], reason: str) -> Done:
 def joined(parts: Sequence[Done]) -> Done:
     """Return several results as one."""
     steps = dict.fromkeys(step for part in parts for step in part.seconds)
-    summed = ("drives", "errors", "faults", "driving_s", "size_bytes")
     return Done(
-        recordings=_concatenated([part.recordings for part in parts]),
-        windows=_concatenated([part.windows for part in parts]),
+        recordings=pl.concat(part.recordings for part in parts),
+        windows=pl.concat(part.windows for part in parts),
         seconds={step: sum(part.seconds.get(step, 0.0) for part in parts) for step in steps},
-        **{name: sum(getattr(part, name) for part in parts) for name in summed},
     )
 
 
@@ -49,33 +55,14 @@ def of_rows(rows: Sequence[Row], windows: Sequence[Row], seconds: dict[str, floa
     seconds : processor time by step; the time to make the tables is added as the step ``rows``
     """
     began_s = time.process_time()
-    tables = [
-        _parquet(pl.DataFrame([*map(_encodable, content)], schema=columns.schema(wanted)))
+    recordings, of_windows = (
+        pl.DataFrame([*map(_encodable, content)], schema=columns.schema(wanted))
         for content, wanted in ((rows, columns.RECORDINGS), (windows, columns.WINDOWS))
-    ]
-    return Done(
-        recordings=tables[0],
-        windows=tables[1],
-        drives=len(rows),
-        errors=sum(row.get("error") is not None for row in rows),
-        faults=sum(bool(row.get("fault_flag")) for row in rows),
-        seconds=seconds | {"rows": time.process_time() - began_s},
-        driving_s=sum(row.get("duration_s") or 0.0 for row in rows),
-        size_bytes=sum(row.get("size_bytes") or 0 for row in rows),
     )
-
-
-def _concatenated(parts: Sequence[bytes]) -> bytes:
-    return _parquet(pl.concat(pl.read_parquet(io.BytesIO(part)) for part in parts))
+    return Done(recordings, of_windows, seconds | {"rows": time.process_time() - began_s})
 
 
 def _encodable(row: Row) -> Row:
     """Return a row whose texts show bytes of file names that are not UTF-8 as escapes."""
     texts = {key: value for key, value in row.items() if isinstance(value, str)}
     return row | {k: text.encode("utf-8", "backslashreplace").decode() for k, text in texts.items()}
-
-
-def _parquet(table: pl.DataFrame) -> bytes:
-    buffer = io.BytesIO()
-    table.write_parquet(buffer)
-    return buffer.getvalue()

@@ -77,10 +77,8 @@ def _read(work: _Work, drive: FleetDrive) -> Read | None:
     try:
         with places.fetched(drive.path, work.kit.root) as path:
             return _read_file(path, drive, work.tools)
-    except O2Error as error:
-        work.recordings.append(failed_row(drive, str(error)))
     except Exception as error:  # a bad file must not stop the fleet
-        reason = f"{drive.path}: internal error: {type(error).__name__}: {error}"
+        reason = str(error) if isinstance(error, O2Error) else _internal(drive, error)
         work.recordings.append(failed_row(drive, reason))
     finally:
         work.seconds["read"] += time.process_time() - began_s
@@ -113,11 +111,14 @@ def _judge_alone(work: _Work, one: tuple[FleetDrive, Read]) -> None:
     drive = one[0]
     try:
         _judge_alike(work, [one])
-    except O2Error as error:
-        work.recordings.append(failed_row(drive, f"{drive.path}: {error}"))
     except Exception as error:
-        reason = f"{drive.path}: internal error: {type(error).__name__}: {error}"
+        is_known = isinstance(error, O2Error)
+        reason = f"{drive.path}: {error}" if is_known else _internal(drive, error)
         work.recordings.append(failed_row(drive, reason))
+
+
+def _internal(drive: FleetDrive, error: Exception) -> str:
+    return f"{drive.path}: internal error: {type(error).__name__}: {error}"
 
 
 def _judge_alike(work: _Work, group: Sequence[tuple[FleetDrive, Read]]) -> None:

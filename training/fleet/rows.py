@@ -13,8 +13,7 @@ from monitor.model.card import ModelCard
 from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
 from training.fleet.drives import FleetDrive
 from training.fleet.reading import Read
-from training.limits.judging import reached_twice
-from training.limits.side_by_side import Judged
+from training.limits.judging import Judged
 from training.recordings.start import start_of
 
 Row = dict[str, Any]
@@ -60,7 +59,7 @@ def recording_row(
         "residual_mean": _mean([window.mean for window in windows]),
         "residual_std": _rms([window.std for window in windows]),
         **{name: last.get(name) for name in ("offset", "gain", *ESTIMATES)},
-        **_scores(windows),
+        **{name: _reached_twice(windows, name) for name in ("evidence", "offset_beyond")},
         "reference_drives": known,
         "offset_low": _finite(judged.limits.offset_low),
         "offset_high": _finite(judged.limits.offset_high),
@@ -119,20 +118,19 @@ def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
     }
 
 
-def _scores(windows: Sequence[WindowJudged]) -> Row:
-    return {name: reached_twice(windows, name) for name in ("evidence", "offset_beyond")}
+def _reached_twice(windows: Sequence[WindowJudged], name: str) -> float | None:
+    """Return the largest value of a statistic that two successive windows reach, if any do."""
+    values = [w.statistics.as_dict()[name] for w in windows]
+    x = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
+    return _finite(float(np.minimum(x[1:], x[:-1]).max(initial=-np.inf)))
 
 
 def _quality(read: Read, card: ModelCard) -> Row:
     """Return the numbers of samples with a bad signal of the model, by reason."""
     needed = [read.names.index(name) for name in (*card.input_names, card.output.name)]
     quality = read.block.quality[:, needed]
-    kinds = {
-        "stale": quality == Quality.STALE,
-        "invalid": quality == Quality.INVALID,
-        "out_of_range": quality == Quality.OUT_OF_RANGE,
-    }
-    return {f"samples_{name}": int(bad.any(axis=1).sum()) for name, bad in kinds.items()}
+    kinds = Quality.STALE, Quality.INVALID, Quality.OUT_OF_RANGE
+    return {f"samples_{q.name.lower()}": int((quality == q).any(axis=1).sum()) for q in kinds}
 
 
 def _counters(counters: Mapping[str, int]) -> Row:

@@ -7,14 +7,13 @@ only the missing chunks.
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 import polars as pl
 
 from monitor.base.errors import UsageError
-from monitor.base.files.outputs import replaced, write_bytes
+from monitor.base.files.outputs import replaced
 from training.fleet import drives as fleet_drives
 from training.fleet.chunk_rows import Done, failed, joined
 from training.fleet.drives import Chunk, FleetDrive
@@ -135,11 +134,11 @@ def _stored(folder: Path, name: str) -> dict[str, Any] | None:
 
 
 def _store(folder: Path, name: str, result: Done) -> dict[str, Any]:
-    content = asdict(result)
     for table in TABLES:
-        write_bytes(folder / f"{name}.{table}.parquet", content.pop(table))
-    run_folder.write_json(folder / f"{name}.json", content)
-    return content
+        with replaced(folder / f"{name}.{table}.parquet") as begun:
+            getattr(result, table).write_parquet(begun)
+    run_folder.write_json(folder / f"{name}.json", result.cost)
+    return result.cost
 
 
 def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None:

@@ -21,7 +21,7 @@ from training.fleet import places
 from training.fleet.reading import FleetReader
 from training.jobs import run_folder
 from training.jobs.model_bytes import model_of
-from training.limits.side_by_side import RecordingJudge
+from training.limits.judging import RecordingJudge
 from training.recordings.recording import default_pairs
 
 File = tuple[str, bytes]  # name and content

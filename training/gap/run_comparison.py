@@ -70,7 +70,7 @@ def investigate(
     verdict, suspected = _verdict(difference, sensor_known_good=sensor_known_good)
     best = difference.best
     return Result(
-        inputs=Inputs.of(model, card.kind, (recordings, healthy, ()), sensor_known_good, unit),
+        inputs=Inputs.of(model, card.kind, material.roles.values(), sensor_known_good, unit),
         difference=difference,
         naming=Naming(
             verdict=verdict,

@@ -1,9 +1,9 @@
 """Numbers of the healthy behaviour: ``default.toml`` as one frozen object, read once."""
 
-import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
-from typing import Any, Final
+from typing import Final
+
+from monitor.base.files.settings import ShippedSettings, built
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +28,4 @@ class HealthyConfig:
     controller_fuel_min_mg: float
 
 
-def _load() -> HealthyConfig:
-    """Return the file as an object; raises TypeError if a key is too few or too many."""
-    text = files("training.healthy").joinpath("default.toml").read_text(encoding="utf-8")
-    values: Any = {
-        k: tuple(v) if isinstance(v, list) else v for k, v in tomllib.loads(text).items()
-    }
-    return HealthyConfig(**values)
-
-
-CONFIG: Final = _load()
+CONFIG: Final = built(HealthyConfig, ShippedSettings("training.healthy").values()["healthy"])

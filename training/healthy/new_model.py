@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from monitor.base import config
+from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.frames.profiles.profile import (
     Profile,
@@ -21,11 +22,16 @@ from monitor.grid.column_times import column_times
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.healthy.reference import set_reference
-from training.limits.decision_limits import set_limits
+from training.limits.decision_limits import with_limits
 from training.limits.trust import trust_of
 from training.narx.export import update_card
-from training.narx.model_file import FreeRunFit, Unseen
+from training.narx.model_file import FreeRunFit
 from training.recordings.recording import Recording
+
+ONE_RECORDING: Final = (
+    "one recording does not show how drives differ, so the model may give a healthy sensor a code "
+    "on another drive; train on several drives"
+)
 
 
 def complete(
@@ -38,53 +44,37 @@ def complete(
 
     columns : profile with which the recordings were read, so that the next log needs no option
     """
-    path = outcome.path
-    _keep_profile(path, columns)
-    _keep_times(path, recordings)
-    unseen, origin = outcome.healthy()
-    warnings = _set_limits(path, unseen, origin)
+    path, settings, warnings = outcome.path, config.load(), list[str]()
     card = Model.load(path).card
-    if card.limits:  # it knows what it finds and mistakes
-        trust = trust_of(unseen, card, config.load(), str(path))
-        update_card(path, replace(card, trust=trust))
+    if columns is not None and is_profile(path_of(Path(columns))):
+        card = replace(card, profile=tree_of(load_profile(path_of(Path(columns)))))
+    card = replace(card, times=_times(card, recordings, settings))
+    unseen, origin = outcome.healthy()
+    try:
+        card = with_limits(card, unseen, origin, settings)
+    except RecordingError as error:
+        warnings.append(f"no decision limits: {error}")
+    else:  # it knows what it finds and mistakes
+        card = replace(card, trust=trust_of(unseen, card, settings, str(path)))
+        if len({drive.path for _, drives in unseen for drive in drives}) == 1:
+            warnings.append(ONE_RECORDING)
+    update_card(path, card)
     card, doubt = set_reference(path, recordings, progress)
     return card, (*warnings, *([doubt] if doubt else []))
 
 
-def _keep_profile(path: Path, columns: str | Path | None) -> None:
-    if columns is not None and is_profile(path_of(Path(columns))):
-        profile = tree_of(load_profile(path_of(Path(columns))))
-        update_card(path, replace(Model.load(path).card, profile=profile))
-
-
-def _keep_times(path: Path, recordings: Sequence[Recording]) -> None:
-    """Let the card know when the logger writes the columns.
+def _times(card: ModelCard, recordings: Sequence[Recording], settings: Config) -> dict[str, Any]:
+    """Return when the logger writes the columns.
 
     How the reading is apart from the inputs is what the monitor judges, and so is what the ECU
     makes of the reading.
     """
-    card, of_reading = Model.load(path).card, config.load().enable.range_ignored
     names = (*card.input_names, card.output.name)
     of_drives = (
         column_times(np.column_stack([*map(each.column, names)]), names, card.period_ns / 1e9)
         for each in recordings
     )
-    times = merged(of_drives, {*card.input_names} - {*of_reading})
-    update_card(path, replace(card, times=times))
-
-
-def _set_limits(path: Path, unseen: Unseen, origin: str) -> list[str]:
-    """Set the decision limits from drives that models have not seen; return warnings."""
-    try:
-        set_limits(path, unseen, origin, config.load())
-    except RecordingError as error:
-        return [f"no decision limits: {error}"]
-    if len({drive.path for _, drives in unseen for drive in drives}) > 1:
-        return []
-    return [
-        "one recording does not show how drives differ, so the model may give a healthy sensor "
-        "a code on another drive; train on several drives"
-    ]
+    return merged(of_drives, {*card.input_names} - {*settings.enable.range_ignored})
 
 
 def tree_of(profile: Profile) -> dict[str, Any]:

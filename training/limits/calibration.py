@@ -14,9 +14,8 @@ from monitor.model.card import ModelCard
 from monitor.model.step import Model
 from training.limits.decision_limits import with_limits
 from training.limits.evaluation import false_alarms
-from training.limits.judging import judge_recordings, why_not
+from training.limits.judging import Judged, judge_recordings, why_not
 from training.limits.rates import rate
-from training.limits.side_by_side import Judged
 from training.limits.trust import trust_of
 from training.recordings.recording import Recording, check_each_once
 
@@ -53,7 +52,7 @@ def calibrate(
     return card, {
         "schema": SCHEMA,
         "model": path.name,
-        "model_sha256": manifest.sha256_of(path),
+        "model_sha256": model.sha256,
         "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
         "limits": [
             {"name": name, "before": before[name].value if name in before else None, **asdict(own)}

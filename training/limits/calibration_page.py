@@ -41,9 +41,9 @@ def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
     """
 
     def words(severity: float | None, unit: str) -> str:
-        return (
-            "not reached" if severity is None else f"{plain(severity, 2)} {unit.strip('-')}".strip()
-        )
+        if severity is None:
+            return "not reached"
+        return f"{plain(severity, 2)} {unit}".removesuffix(" -")
 
     return [
         (

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -13,12 +12,10 @@ from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS, Limits, in_unit
 from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
-from monitor.model.step import Model
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, most_common_cause
 from training.limits.response.response_limits import response_limits
 from training.limits.response.stillness import still_limits
-from training.narx.export import update_card
 from training.narx.model_file import Unseen
 from training.recordings.recording import Recording
 
@@ -126,13 +123,6 @@ def _noise(drives: Sequence[Sequence[WindowJudged]], transform: str) -> tuple[fl
         found.append((math.sqrt(power / x.size), memory))
     std, memory = np.median(found, axis=0)
     return float(std), min(max(float(memory), 0.0), MEMORY_MOST)
-
-
-def set_limits(path: Path, unseen: Unseen, origin: str, config: Config) -> ModelCard:
-    """Write the limits of ``with_limits`` into the model file ``path``; return the new card."""
-    card = with_limits(Model.load(path).card, unseen, origin, config)
-    update_card(path, card)
-    return card
 
 
 def with_limits(card: ModelCard, unseen: Unseen, origin: str, config: Config) -> ModelCard:

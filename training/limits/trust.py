@@ -8,17 +8,13 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-
 from monitor.base.config import Config
-from monitor.base.faults import Fault, resolve
-from monitor.base.signals import OUTPUT
+from monitor.base.faults import resolve
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from training.limits.judging import judge_recordings
 from training.narx.model_file import Unseen
-from training.recordings.recording import Recording
-from training.recordings.sensor_fault import faulty_readings
+from training.recordings.sensor_fault import put_on
 
 # the limit severities of the project's targets; of an offset twice that, because without a fault
 # memory a drive does not know its vehicle's own offset
@@ -76,22 +72,3 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
         "explained": min(each.explained for each in drives),
         "severity": {fault.name: fault.severity for fault in faults},
     }
-
-
-def put_on(
-    recording: Recording, fault: Fault, output: str = OUTPUT, transform: str = "phi"
-) -> Recording:
-    """Return the recording as a faulty sensor would have read the same mixture.
-
-    An output that is not lambda falls where phi rises; the gain acts around its median.
-    """
-    values, column = recording.values.copy(), recording.names.index(output)
-    own, period_s = values[:, column], recording.period_ns / 1e9
-    if transform == "phi":
-        values[:, column] = faulty_readings(fault, own, period_s)
-    else:
-        middle = float(np.nanmedian(own))
-        small = 0.1 / max(float(np.nanmax(np.abs(own - middle))), 1e-9)  # keeps phi near 1
-        phi = 1.0 / faulty_readings(fault, 1.0 / (1.0 - small * (own - middle)), period_s)
-        values[:, column] = middle + (1.0 - phi) / small
-    return replace(recording, values=values)

@@ -64,16 +64,8 @@ def measures(data: Prepared, predicted: FloatArray, rows: np.ndarray) -> dict[st
     a, b = (from_model_units(data.transform, x) for x in (measured, predicted[rows]))
     if len(a) < 2 or np.ptp(a) == 0.0:
         return {"samples": float(len(a))}
-    return {
-        "samples": float(len(a)),
-        "rmse": metrics.rmse(a, b),
-        "fit_percent": metrics.fit_percent(a, b),
-        "correlation": metrics.correlation(a, b),
-        "slope": metrics.slope(a, b),
-        "residual_mean": float((a - b).mean()),
-        "residual_std": float((a - b).std()),
-        "rmse_model_units": metrics.rmse(measured, predicted[rows]),
-    }
+    in_model_units = metrics.rmse(measured, predicted[rows])
+    return metrics.measures(a, b) | {"samples": float(len(a)), "rmse_model_units": in_model_units}
 
 
 def recorded(data: Prepared, names: Sequence[str]) -> FloatArray:

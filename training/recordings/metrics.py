@@ -1,5 +1,7 @@
 """Measures of a simulation against the measurement."""
 
+from typing import Any
+
 import numpy as np
 
 from monitor.base.types import FloatArray
@@ -65,6 +67,21 @@ def slope(measured: FloatArray, simulated: FloatArray) -> float:
     if not a.any():
         raise ValueError("the measurement is constant")
     return float(a @ (simulated - simulated.mean()) / (a @ a))
+
+
+def measures(measured: FloatArray, simulated: FloatArray) -> dict[str, Any]:
+    """Return samples, errors and likeness by name; likeness is None for a constant measurement."""
+    residual, most = measured - simulated, float(np.abs(measured).max(initial=1.0))
+    varies = len(measured) > 1 and float(np.ptp(measured)) > 1e-9 * most
+    return {
+        "samples": len(measured),
+        "rmse": rmse(measured, simulated),
+        "fit_percent": fit_percent(measured, simulated) if varies else None,
+        "correlation": correlation(measured, simulated) if varies else None,
+        "slope": slope(measured, simulated) if varies else None,
+        "residual_mean": float(residual.mean()),
+        "residual_std": float(residual.std()),
+    }
 
 
 def _about_mean(values: FloatArray) -> FloatArray:

@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray
+from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
-from monitor.model.step import Model
+from monitor.model.step import Model, from_model_units, to_model_units
 from training.recordings.recording import Recording
-from training.recordings.samples.rows import hold
+from training.recordings.samples.rows import hold, runs
 
 ROWS: Final = 32  # recordings that run side by side
 REMEMBERED: Final = 100  # free runs, the newest: the steps of a workflow ask for the same again
@@ -67,6 +67,36 @@ def check_period(recording: Recording, card: ModelCard) -> None:
             f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
             f"the model has {card.period_ns / 1e9:g} s"
         )
+
+
+def predict(
+    model: Model, recording: Recording, washout: int
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Return measured, free-run and one-step output (n,) and a mask of the scored rows (n,) bool.
+
+    A stretch begins where all inputs and the output are valid and ends at an invalid input. The
+    measured output is clipped to the range of the model (lambda at most 16).
+    Raises RecordingError if the sample periods of recording and model differ.
+    """
+    card = model.card
+    check_period(recording, card)
+    u = np.stack([recording.column(name) for name in card.input_names], axis=1)
+    y = recording.column(card.output.name)
+    measured = from_model_units(card.transform, to_model_units(card.transform, y))
+    both = model.with_batch(2)  # row 0 runs freely, row 1 is forced at every sample
+    free, one_step = np.full(len(y), np.nan), np.full(len(y), np.nan)
+    scored = np.zeros(len(y), dtype=bool)
+    for first, stop in runs(np.asarray(np.isfinite(u).all(axis=1))):
+        valid = np.flatnonzero(np.isfinite(y[first:stop]))
+        if not len(valid):
+            continue
+        begin = first + int(valid[0])
+        both.reset(u[begin], float(y[begin]))
+        for t in range(begin, stop):
+            free[t], one_step[t] = both.step_batch(u[t])
+            both.force_output(np.array([y[t] if t < begin + washout else np.nan, y[t]]))
+        scored[begin + washout : stop] = np.isfinite(y[begin + washout : stop])
+    return measured, free, one_step, scored
 
 
 def stacked(runs: Sequence[FloatArray], axis: int = 0) -> FloatArray:

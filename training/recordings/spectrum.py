@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import ndimage, signal, stats
@@ -16,6 +17,7 @@ LOWEST_BINS = 4  # the window smears trend and mean into these
 NARROW = 0.05  # of the Nyquist frequency; a wider peak is part of the background
 LEAST_DB = 3.0  # above the background; less is of no use to anybody
 ALPHA = 0.001  # false lines per spectrum
+TREND: Any = "linear"  # that a segment loses; the stubs of scipy do not know it
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,16 +61,12 @@ def welch(stretches: Sequence[FloatArray], period_s: float) -> Spectrum | None:
     for values, count in zip(long, counts, strict=True):
         own = np.ascontiguousarray(values.T)
         rate, share = 1.0 / period_s, count / total
-        density += share * signal.welch(own, rate, nperseg=length, detrend=_level)[1]
-        cross += share * signal.csd(own, own[-1:], rate, nperseg=length, detrend=_level)[1]
+        density += share * signal.welch(own, rate, nperseg=length, detrend=TREND)[1]
+        cross += share * signal.csd(own, own[-1:], rate, nperseg=length, detrend=TREND)[1]
     scale = density * density[-1]
     coherence = np.abs(cross) ** 2 / np.where(scale > 0, scale, np.inf)
     frequency = np.asarray(np.fft.rfftfreq(length, period_s), dtype=np.float64)
     return Spectrum(frequency, density.T, coherence.T, total / OVERLAP_LOSS)
-
-
-def _level(segments: FloatArray) -> FloatArray:
-    return np.asarray(signal.detrend(segments, axis=-1, type="linear"))
 
 
 def background(density: FloatArray) -> FloatArray:

@@ -16,8 +16,9 @@ from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
-from training.limits.decision_limits import set_limits
+from training.limits.decision_limits import with_limits
 from training.narx.cross_fit import cross_fit
+from training.narx.export import update_card
 from training.narx.fit import FitOptions, FitSource, fit, write_model
 from training.narx.model_file import OF_TWINS
 from training.narx.network import Spec, describe
@@ -205,7 +206,8 @@ def ship(task: Task, parts: Parts) -> dict[str, Any]:
     card = write_model(path, model.spec, model.weights, twins, gap)
     warnings = gap.warnings()
     try:
-        card = set_limits(path, list(twins.unseen(card)), OF_TWINS, config.load())
+        card = with_limits(card, list(twins.unseen(card)), OF_TWINS, config.load())
+        update_card(path, card)
     except RecordingError as error:
         warnings.append(f"the model has no decision limits: {error}")
     path.replace(task.out / "model.onnx")

@@ -13,7 +13,7 @@ import numpy as np
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.manifest import entry_of
 from training.recordings.recording import Recording, check_each_once
-from training.recordings.samples.preparation import Prepared, prepare
+from training.recordings.samples.preparation import Prepared, prepare, problems
 from training.study.narx.candidates import CANDIDATES
 
 Parts = dict[str, Any]  # results of the steps by their names
@@ -67,14 +67,12 @@ class Task:
 
     def check(self) -> None:
         """Raise RecordingError or UsageError if recordings or settings cannot be used together."""
-        first, names = self.recordings[0], (*self.inputs, self.output)
-        for r in (*self.recordings, *self.test, *self.faulty, *self.steady):
+        every = (*self.recordings, *self.test, *self.faulty, *self.steady)
+        names = (*self.inputs, self.output)
+        for _, error in problems(every, self.inputs, self.output):
+            raise error
+        for r in every:
             known = np.isfinite([r.column(name) for name in names])  # raises for a missing signal
-            if r.period_ns != first.period_ns:
-                raise RecordingError(
-                    f"{r.path}: sample period {r.period_ns / 1e9:g} s, {first.path} has "
-                    f"{first.period_ns / 1e9:g} s; bring them to one grid with --period"
-                )
             if not any(r is f for f in self.faulty) and not known.all(axis=0).any():
                 raise RecordingError(f"{r.path}: no sample has {', '.join(names)} all valid")
         for trained in filter(None, (self.recordings, self.steady)):  # steady ones may be of these

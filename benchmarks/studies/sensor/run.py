@@ -34,7 +34,7 @@ from monitor.memory.reference import Reference
 from monitor.model.step import Model
 from training.dyno import ecu
 from training.jobs import parallel
-from training.limits.side_by_side import Judged, RecordingJudge
+from training.limits.judging import Judged, RecordingJudge
 
 SIDE_BY_SIDE: Final = 32  # drives judged at once; the windows of one take some megabytes
 VEHICLES: Final = 5  # of a chunk

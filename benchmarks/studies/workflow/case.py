@@ -45,7 +45,8 @@ from training.healthy import base, scoring, yardstick
 from training.healthy.base import GREYBOX
 from training.healthy.base_state import base_state
 from training.healthy.behaviour import Healthy
-from training.limits.decision_limits import set_limits
+from training.limits.decision_limits import with_limits
+from training.narx.export import update_card
 from training.narx.fit import FitOptions, FitSource, fit
 from training.narx.model_file import FreeRunFit
 from training.recordings.recording import Recording
@@ -87,7 +88,7 @@ def fit_base(base: str, recordings: Sequence[Recording], out: Path) -> None:
         )
         fitted = fit(FitSource(recordings, NARX_INPUTS, OUTPUT), out, options)
     with suppress(RecordingError):  # too few windows: the model stands without limits
-        set_limits(out, *fitted.healthy(), config.load())
+        update_card(out, with_limits(fitted.card, *fitted.healthy(), config.load()))
 
 
 def prepare(study: Study, number: int, model: Path) -> Vehicle:

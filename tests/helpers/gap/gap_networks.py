@@ -25,7 +25,7 @@ from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit import joint
 from training.greybox.fit.drive import ChainDrive, from_recording
-from training.limits.judging import judge
+from training.limits.judging import judge_recordings
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.recordings.recording import Recording
 
@@ -139,5 +139,5 @@ def assert_judged_alike(path: Path) -> None:
     for i, rows in enumerate(both):
         model.reset(rows[0])
         assert np.array_equal([model.step(each) for each in rows], batch[i])
-    judged = judge(recording, model, NO_LIMITS, config.load())
+    judged = judge_recordings([recording], model, NO_LIMITS, config.load())[0]
     assert len(judged.windows) > 5

@@ -24,7 +24,7 @@ from monitor.pipeline.events import (
     WindowJudged,
 )
 from monitor.pipeline.monitor import Judge, SensorMonitor
-from training.limits.side_by_side import Judged
+from training.limits.judging import Judged
 
 PERIOD_NS = 100_000_000
 SHIPPED = config.load()

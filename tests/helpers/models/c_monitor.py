@@ -12,7 +12,7 @@ from monitor.base.types import FloatArray, Quality, SampleBlock
 from monitor.controller.tables import CODES_INSIDE, ExportSource
 from monitor.judge.limits import Limits
 from monitor.pipeline.replay import Setup
-from training.limits.side_by_side import Judged, RecordingJudge
+from training.limits.judging import Judged, RecordingJudge
 
 DRIVER = Path(__file__).with_name("c_driver.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror")

@@ -11,8 +11,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.recordings import recording_of_samples
 from tests.helpers.drives.simulated_drives import sampled
 from training.dyno.simulation import Experiment
-from training.limits.judging import judge
-from training.limits.side_by_side import RecordingJudge
+from training.limits.judging import RecordingJudge, judge_recordings
 from training.recordings import metrics
 
 Drives = list[tuple[SampleBlock, tuple[str, ...]]]
@@ -31,7 +30,7 @@ def drives() -> Drives:
 
 def test_the_model_follows_an_unseen_wltc(drives: Drives) -> None:
     drive = recording_of_samples(*drives[0])
-    found = judge(drive, MODEL, LIMITS, SETTINGS)
+    found = judge_recordings([drive], MODEL, LIMITS, SETTINGS)[0]
     on = found.enabled
     assert on.sum() > 5000
     measured, predicted = drive.column("lambda_measured")[on], found.predicted[on]

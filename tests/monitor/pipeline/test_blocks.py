@@ -22,7 +22,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.examples import inputs
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, SHORT, assert_same, fresh, stream
 from tests.helpers.models.networks import card_of, network_of
-from training.limits.side_by_side import RecordingJudge
+from training.limits.judging import RecordingJudge
 from training.narx import export
 
 INPUTS = ("air_mass_mg", "lambda_controller")

@@ -16,7 +16,7 @@ from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.simulated_drives import WARM, sampled
 from tests.helpers.logs.streamed import PERIOD_NS, SHIPPED, assert_same, fresh, stream
 from training.dyno.simulation import Experiment
-from training.limits.side_by_side import Judged, RecordingJudge
+from training.limits.judging import Judged, RecordingJudge
 
 MODEL = Model.load(shipped_model())
 LIMITS = Limits.from_card(MODEL.card, SHIPPED, "shipped")

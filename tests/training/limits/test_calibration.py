@@ -24,7 +24,7 @@ from training.dyno.simulation import Experiment
 from training.limits.calibration import calibrate
 from training.limits.calibration_page import detection
 from training.limits.evaluation import evaluate
-from training.limits.judging import judge
+from training.limits.judging import judge_recordings
 from training.limits.rates import rate
 from training.recordings.recording import load
 
@@ -120,7 +120,8 @@ def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrate
     limits = Limits.from_card(model.card, settings, str(calibrated))
     for name, code in (("slow_symmetric", "P0133"), ("delay_lean_to_rich", "P015B")):
         row = rows[name]
-        own = judge(load(drives / row["recording"], period_s=0.1), model, limits, settings).windows
+        drive = load(drives / row["recording"], period_s=0.1)
+        own = judge_recordings([drive], model, limits, settings)[0].windows
         assert row["windows"] == len(own)
         assert row["paper_failed"] == sum(w.paper_failed for w in own)
         assert row["evidence"] > result["needed"]

@@ -11,7 +11,7 @@ from monitor.judge.limits import Limits
 from monitor.memory.codes import TESTS
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
-from training.limits.judging import judge
+from training.limits.judging import judge_recordings
 from training.limits.response.stillness import DAY_S, next_longest, still_limits
 from training.recordings.recording import Recording, load
 
@@ -50,7 +50,7 @@ def holding(hold_s: float, every: int = EVERY) -> Recording:
 
 
 def stuck(recording: Recording, still_s: float) -> bool:
-    judged = judge(recording, MODEL, replace(LIMITS, still_s=still_s), SETTINGS)
+    judged = judge_recordings([recording], MODEL, replace(LIMITS, still_s=still_s), SETTINGS)[0]
     return any(change.dtc.fault in TESTS["activity"] for change in judged.changes)
 
 

@@ -17,10 +17,11 @@ from monitor.judge.trust import Trust, in_words
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.training.limits.test_still import LOG, healthy
-from training.limits.judging import judge
-from training.limits.trust import LIMIT_FAULTS, MOST_DRIVES, put_on, trust_of
+from training.limits.judging import judge_recordings
+from training.limits.trust import LIMIT_FAULTS, MOST_DRIVES, trust_of
 from training.narx.export import update_card
-from training.recordings.recording import load
+from training.recordings.recording import Recording, load
+from training.recordings.sensor_fault import put_on
 
 SETTINGS = config.load()
 MODEL = Model.load(shipped_model())
@@ -30,8 +31,11 @@ NAMES = [name for name, _ in LIMIT_FAULTS]
 
 
 def codes(limits: Limits, fault: str) -> list[str]:
-    faulty = put_on(healthy(), resolve(fault, dict(LIMIT_FAULTS)[fault]))
-    return [dtc.fault for dtc in judge(faulty, MODEL, limits, SETTINGS).dtcs]
+    return codes_of(put_on(healthy(), resolve(fault, dict(LIMIT_FAULTS)[fault])), limits)
+
+
+def codes_of(drive: Recording, limits: Limits) -> list[str]:
+    return [dtc.fault for dtc in judge_recordings([drive], MODEL, limits, SETTINGS)[0].dtcs]
 
 
 @pytest.mark.parametrize("fault", ["gain_low", "biased_rich", "delay_rich_to_lean"])
@@ -45,7 +49,7 @@ def test_a_fault_that_the_model_has_mistaken_sets_no_code(fault: str) -> None:
 
 def test_a_heater_that_failed_is_named_in_training_as_in_a_replay() -> None:
     drive = load(LOG.with_name("heater_micro_trips_v123_s140.blf"))
-    assert [dtc.fault for dtc in judge(drive, MODEL, LIMITS, SETTINGS).dtcs] == ["heater"]
+    assert codes_of(drive, LIMITS) == ["heater"]
 
 
 def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
@@ -75,7 +79,7 @@ def test_a_drive_of_which_the_model_explains_less_than_of_any_before_is_asked_ab
     other = replace(own, values=values)
     # WHEN both are judged THEN only of the other one is asked whose it is
     for drive, is_told in ((own, False), (other, True)):
-        share = judge(drive, MODEL, LIMITS, SETTINGS).explained
+        share = judge_recordings([drive], MODEL, LIMITS, SETTINGS)[0].explained
         assert ("is it another vehicle's?" in in_words(trust.entry(share))) is is_told
 
 
@@ -91,8 +95,7 @@ def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -
     sure = {"noise": 0.001, "offset_std": 0.001, "evidence": 1.0}
     own = {name: replace(CARD.limits[name], value=value) for name, value in sure.items()}
     card = replace(CARD, limits={**CARD.limits, **own})
-    limits = Limits.from_card(card, SETTINGS, "m")
-    false = {dtc.fault for dtc in judge(other, MODEL, limits, SETTINGS).dtcs}
+    false = {*codes_of(other, Limits.from_card(card, SETTINGS, "m"))}
     assert len(false) > 1
     # WHEN its trust is counted on that drive
     trust = trust_of([(MODEL, [other])], card, SETTINGS, "m")
@@ -100,7 +103,7 @@ def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -
     assert list(trust["false"]) == sorted(false)
     sure = Limits.from_card(replace(card, trust=trust), SETTINGS, "m")
     assert sure.trust.untold == false
-    assert not false & {dtc.fault for dtc in judge(other, MODEL, sure, SETTINGS).dtcs}
+    assert not false & {*codes_of(other, sure)}
 
 
 @pytest.mark.parametrize(

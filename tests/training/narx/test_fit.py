@@ -16,7 +16,7 @@ from monitor.model.step import Model
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.recordings import recording_of
 from training.cli import main
-from training.limits.evaluation import evaluate, predict
+from training.limits.evaluation import evaluate
 from training.narx.fit import FitOptions, FitResult, FitSource, fit
 from training.narx.network import Spec, layers
 from training.narx.page.fit_verdict import fit_confidence, fit_verdict
@@ -25,6 +25,7 @@ from training.narx.page.training_page import write_report
 from training.narx.search.stability import contraction
 from training.narx.search.stages import Trained, with_less_feedback
 from training.narx.work import PER_MINUTE, Work, of_epoch
+from training.recordings.prediction import predict
 from training.recordings.recording import Recording, write_table
 
 NAMES = ("air_mass_mg", "fuel_mass_mg", "lambda_measured", "fuel_cut")

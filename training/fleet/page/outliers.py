@@ -63,12 +63,8 @@ class Standing:
         return tuple(int(i) for i in order if abs(self.distance[i]) > self.limit)
 
 
-def standings(recordings: pl.DataFrame, rate: float = RATE) -> list[Standing]:
-    """Return the statistics that at least 10 vehicles have.
-
-    recordings : the table of recordings
-    rate : chance that any vehicle of a sound fleet stands out
-    """
+def standings(recordings: pl.DataFrame) -> list[Standing]:
+    """Return the statistics that at least 10 vehicles have, from the table of recordings."""
     counted = recordings.filter(pl.col("windows") >= LEAST_WINDOWS)
     medians = counted.group_by("vehicle", maintain_order=True).agg(
         pl.col(statistic.column).median() for statistic in STATISTICS
@@ -85,7 +81,7 @@ def standings(recordings: pl.DataFrame, rate: float = RATE) -> list[Standing]:
             vehicles,
             values,
             robust(np.log(np.maximum(values, 1e-12)) if statistic.is_log else values),
-            limit_of(len(values), rate, len(by_statistic)),
+            limit_of(len(values), RATE, len(by_statistic)),
         )
         for statistic, vehicles, values in by_statistic
     ]

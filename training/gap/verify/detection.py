@@ -13,10 +13,9 @@ from monitor.base.faults import Fault
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from training.gap.verify.evidence import Count, Detection
-from training.limits.judging import judge_recordings
-from training.limits.side_by_side import Judged
-from training.limits.trust import put_on
+from training.limits.judging import Judged, judge_recordings
 from training.recordings.recording import Recording
+from training.recordings.sensor_fault import put_on
 
 EVERY: Final = 3
 Judge = Callable[[Sequence[Recording]], list[Judged]]

@@ -1,6 +1,6 @@
 """The findings of ``o2train check`` as text and as an HTML page."""
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from monitor.base.counts import counted, duration, plain
 from training.pages.heat import Heat, over_plane
 from training.pages.numbers import words
 from training.pages.page import page, part
+
+LEVELS: Final = ("error", "warning", "ok")  # the worst first
 
 
 def as_text(result: dict[str, Any]) -> str:
@@ -36,14 +38,17 @@ def verdict(result: dict[str, Any]) -> str:
 
 def as_page(result: dict[str, Any]) -> str:
     """Return a self-contained HTML page."""
-    kind = "good" if result["usable"] else "bad"
+    view, seconds = _view(result), sum(r["duration_s"] for r in result["recordings"])
+    against = dict.fromkeys(f["topic"] for f in view["findings"] if f["level"] != "ok")
+    reason = f" Against it: {', '.join(against)}." if against else ""
     return page(
         "check.html",
         "Is the data enough?",
-        verdict=f"The data is {verdict(result)}.{_reason(result)}",
-        confidence=_confidence(result),
-        kind=kind,
-        **_view(result),
+        verdict=f"The data is {verdict(result)}.{reason}",
+        confidence=f"{counted(len(result['findings']), 'check')} of {seconds / 60.0:.0f} minutes "
+        "of driving; they find recordings that cannot do. Only a fit shows that a model is good.",
+        kind="good" if result["usable"] else "bad",
+        **view,
     )
 
 
@@ -52,30 +57,11 @@ def section(result: dict[str, Any]) -> str:
     return part("data_check.html", verdict=verdict(result), **_view(result))
 
 
-def _reason(result: dict[str, Any]) -> str:
-    """Return the topics that stand against the recordings, the errors first."""
-    topics = [f["topic"] for f in _worst_first(result) if f["level"] != "ok"]
-    return f" Against it: {', '.join(dict.fromkeys(topics))}." if topics else ""
-
-
-def _confidence(result: dict[str, Any]) -> str:
-    """Return on how much the verdict rests; whether a model will be good, only a fit says."""
-    seconds = sum(r["duration_s"] for r in result["recordings"])
-    return (
-        f"{counted(len(result['findings']), 'check')} of {seconds / 60.0:.0f} minutes of driving; "
-        "they find recordings that cannot do. Only a fit shows that a model is good."
-    )
-
-
-def _worst_first(result: dict[str, Any]) -> list[dict[str, Any]]:
-    return sorted(result["findings"], key=lambda f: ("error", "warning", "ok").index(f["level"]))
-
-
 def _view(result: dict[str, Any]) -> dict[str, Any]:
     coverage = result["coverage"]
     return {
         "headline": _headline(result),
-        "findings": _worst_first(result),
+        "findings": sorted(result["findings"], key=lambda f: LEVELS.index(f["level"])),
         "excitation": result["excitation"],
         "coverage": _coverage(coverage) if coverage else None,
     }

@@ -8,10 +8,10 @@ import numpy as np
 from monitor.base.counts import plain
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
-from training.limits.data_check.samples import DataFinding, Usable
+from training.limits.data_check.samples import DataFinding
 from training.recordings.metrics import correlation
 from training.recordings.recording import Recording
-from training.recordings.samples.linear_data import output_transform
+from training.recordings.samples.preparation import Stretches, output_transform
 
 MOVES = 20  # least changes of an input; with fewer, few places show its effect
 MOVING = 0.001  # least change between two samples that counts as motion, as a share of the span
@@ -79,11 +79,11 @@ def _extremes(values: FloatArray) -> tuple[float, float]:
 
 
 def excited(
-    recordings: Sequence[Recording], data: Usable, inputs: Sequence[str], figures: dict[str, Any]
+    recordings: Sequence[Recording], data: Stretches, inputs: Sequence[str], figures: dict[str, Any]
 ) -> Iterator[DataFinding]:
     """Yield the findings on how the inputs move; store the measures in ``figures``."""
     for i, name in enumerate(inputs):
-        own = _motion([u[:, i] for u in data.u])
+        own = _motion(data.each(data.u[:, i]))
         figures["excitation"].append({"input": name, **own})
         if own["moves"] == 0:
             values = np.concatenate([r.column(name) for r in recordings])
@@ -115,15 +115,19 @@ def _motion(stretches: Sequence[FloatArray]) -> dict[str, Any]:
     }
 
 
-def copies(data: Usable, inputs: Sequence[str], output: str) -> Iterator[DataFinding]:
+def copies(data: Stretches, inputs: Sequence[str], output: str) -> Iterator[DataFinding]:
     """Yield the findings on inputs that are a shifted or scaled copy of the output."""
     transform = output_transform(output)
-    rows = [np.isfinite(y) for y in data.y]
-    forms = [[y[r] for y, r in zip(data.y, rows, strict=True)]]
+    rows = [np.isfinite(y) for y in data.each(data.y)]
+
+    def valid(values: FloatArray) -> list[FloatArray]:
+        return [x[r] for x, r in zip(data.each(values), rows, strict=True)]
+
+    forms = [valid(data.y)]
     if transform != "none":
-        forms.append([to_model_units(transform, y) for y in forms[0]])
+        forms.append(valid(to_model_units(transform, data.y)))
     for i, name in enumerate(inputs):
-        values = [u[r, i] for u, r in zip(data.u, rows, strict=True)]
+        values = valid(data.u[:, i])
         level, change, lag = max((_copy(values, form) for form in forms), key=lambda c: abs(c[0]))
         if abs(level) <= COPY:
             continue

@@ -1,7 +1,6 @@
 """Findings on the samples: gaps, outliers, constants, duration, time in closed loop."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +12,13 @@ from training.limits.decision_limits import MINIMUM_WINDOWS
 from training.narx.network import Spec
 from training.recordings.recording import Recording
 from training.recordings.samples import preparation
-from training.recordings.samples.linear_data import output_transform
-from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP
+from training.recordings.samples.preparation import (
+    BLOCK_S,
+    ENABLE_COLUMNS,
+    GROUP,
+    Stretches,
+    output_transform,
+)
 from training.recordings.samples.rows import runs
 
 LAGS = 5  # of a small network
@@ -34,24 +38,10 @@ class DataFinding(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Usable:
-    """Samples that a training can use, in unbroken stretches."""
-
-    u: list[FloatArray]  # inputs, (n_i, k)
-    y: list[FloatArray]  # output as recorded, (n_i,), NaN where invalid
-    enabled: int  # number of enabled samples among them
-
-    @property
-    def samples(self) -> int:
-        """Return the number of samples with valid inputs and output."""
-        return int(sum(np.isfinite(y).sum() for y in self.y))
-
-
 def usable(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
-) -> tuple[Usable, list[DataFinding]]:
-    """Return the samples that a training can use, and findings on gaps, outliers and constants."""
+) -> tuple[Stretches | None, list[DataFinding]]:
+    """Return what a training can use, the output as recorded, and findings on the samples."""
     names, outliers = (*inputs, output), dict[str, int]()
     columns = [preparation.columns_of(r, names, outliers) for r in recordings]
     for r, values in zip(recordings, columns, strict=True):
@@ -64,13 +54,13 @@ def usable(
     try:
         cut = preparation.stretches_of(recordings, inputs, output, "none", SHORTEST_STRETCH)
     except RecordingError as error:
-        return Usable([], [], 0), [*findings, DataFinding("error", "gaps", str(error))]
-    u, y = ([x[s.start : s.stop] for s in cut.segments] for x in (cut.u, cut.y))
+        return None, [*findings, DataFinding("error", "gaps", str(error))]
     findings += [DataFinding("warning", "gaps", text) for text in cut.unused]
     if not any(f.topic == "gaps" for f in findings):
-        text = f"unbroken stretches: {len(u)}, the longest of {max(map(len, u))} samples"
+        lengths = [s.stop - s.start for s in cut.segments]
+        text = f"unbroken stretches: {len(lengths)}, the longest of {max(lengths)} samples"
         findings.append(DataFinding("ok", "gaps", text))
-    return Usable(u, y, int((cut.enabled & np.isfinite(cut.y)).sum())), findings
+    return cut, findings
 
 
 def _one_signal(name: str, values: FloatArray, outliers: int) -> Iterator[DataFinding]:
@@ -97,18 +87,21 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> Iterator[DataFi
         yield DataFinding("warning", "outliers", text)
 
 
-def enough(
-    recordings: Sequence[Recording], data: Usable, n_inputs: int, output: str
-) -> DataFinding:
-    """Return the finding on the duration: for a training, whole blocks, and limits."""
-    period_s = recordings[0].period_ns / 1e9
-    seconds = data.samples * period_s
+def driven(
+    recordings: Sequence[Recording], data: Stretches, n_inputs: int, output: str
+) -> list[DataFinding]:
+    """Return findings on the duration (for a training, whole blocks, and limits) and on the time in
+    closed loop, outside fuel cut, with a ready sensor.
+    """
+    period_s, valid = recordings[0].period_ns / 1e9, np.isfinite(data.y)
+    samples, enabled = int(valid.sum()), int((data.enabled & valid).sum())
+    seconds, enabled_s = samples * period_s, enabled * period_s
+    is_lambda = output_transform(output) == "phi"
     least = Spec(n_inputs, LAGS, SMALLEST).n_weights
     wanted_s = MINIMUM_WINDOWS * WINDOW * period_s
     text, level = f"{duration(seconds)} usable", "ok"
-    enabled_s, is_lambda = data.enabled * period_s, output_transform(output) == "phi"
-    if data.samples < least:
-        text += f": {data.samples} samples, even {SMALLEST[0]} neurons have {least} weights"
+    if samples < least:
+        text += f": {samples} samples, even {SMALLEST[0]} neurons have {least} weights"
         level = "error"
     elif is_lambda and seconds < GROUP * BLOCK_S:
         text += f", at least {duration(GROUP * BLOCK_S)} are wanted to hold out whole blocks"
@@ -116,18 +109,16 @@ def enough(
     elif is_lambda and enabled_s < wanted_s:
         text += f", {duration(enabled_s)} in the enabled region; {duration(wanted_s)} are wanted "
         text, level = f"{text}to set limits", "warning"
-    return DataFinding(level, "duration", text)
+    return [DataFinding(level, "duration", text), _closed_loop(recordings, enabled_s, seconds)]
 
 
-def closed_loop(recordings: Sequence[Recording], data: Usable) -> DataFinding:
-    """Return the finding on the time in closed loop, outside fuel cut, with a ready sensor."""
+def _closed_loop(recordings: Sequence[Recording], enabled_s: float, seconds: float) -> DataFinding:
     recorded = [n for n in ENABLE_COLUMNS if any(n in r.names for r in recordings)]
     if not recorded:
         text = "the recordings do not say when the loop was closed: every sample counts alike"
         return DataFinding("ok", "closed loop", text)
-    share = data.enabled / max(data.samples, 1)
-    enabled = duration(data.enabled * recordings[0].period_ns / 1e9)
-    text = f"{enabled}, {100 * share:.0f} % of the usable samples (by {', '.join(recorded)})"
+    share, names = enabled_s / seconds, ", ".join(recorded)
+    text = f"{duration(enabled_s)}, {100 * share:.0f} % of the usable samples (by {names})"
     if share >= CLOSED_LOOP:
         return DataFinding("ok", "closed loop", text)
     wanted = f"{100 * CLOSED_LOOP:g} % are wanted, the rest weighs little in the training"

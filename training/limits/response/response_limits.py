@@ -17,7 +17,7 @@ from monitor.judge.limits import Limits
 from monitor.judge.response.rule import Moments, ResponseRule
 from monitor.judge.window import Window
 from monitor.model.card import Limit, ModelCard
-from training.limits.side_by_side import Judged
+from training.limits.judging import Judged
 
 LEAST_EVIDENCE: Final = 1e-3  # with less the response rule decides nothing within a day
 GAIN_MOST: Final = 10.0  # of a model that follows its vehicle, and its inverse

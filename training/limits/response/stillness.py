@@ -14,9 +14,11 @@ import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
+from monitor.judge import enable
 from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE, ActivityTest
+from monitor.judge.electrical.suite import ElectricalTests
 from monitor.model.card import Limit, ModelCard
-from training.limits.judging import moving_samples
+from training.limits.judging import checked
 from training.recordings.recording import Recording
 
 FALSE_SHARE = 0.001  # of the healthy drives that may exceed the bound
@@ -71,11 +73,14 @@ def _still_stretches(
     The first are those within its range, the others those at its end, where nothing says whether
     the fuel is cut.
     """
-    own, period_s = config.plausibility, card.period_ns * 1e-9
-    test = ActivityTest(own, card.output, recording.names, period_s)
+    period_s, most = card.period_ns * 1e-9, config.plausibility.stuck_range
+    names, block, _, held = checked(recording, card, config)
+    tests = ElectricalTests(config, names, card.output, period_s)
+    burning = enable.holds(enable.masks(held), enable.BURNING)
+    active = tests.must_move(block.values, block.quality, burning)
+    test = ActivityTest(config.plausibility, card.output, names, period_s)
     found: tuple[list[float], list[float]] = [], []
-    active = moving_samples(recording, card, config)
-    for length, level in _stretches(recording.column(card.output.name), active, own.stuck_range):
+    for length, level in _stretches(recording.column(card.output.name), active, most):
         if not test.is_cold(level):
             found[test.is_at_end(level)].append(length * period_s)
     return found

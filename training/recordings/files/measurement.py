@@ -100,7 +100,7 @@ def _masters(mdf: Any) -> set[str]:
 
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    asammdf = _asammdf(path)
+    asammdf = asammdf_for(path, "reading")
     try:
         with mdf4.quiet(), path.open("rb") as file:
             is_mf4 = path.suffix.lower() == ".mf4"
@@ -113,12 +113,13 @@ def _open(path: Path) -> Iterator[Any]:
         yield measurement
 
 
-def _asammdf(path: Path) -> ModuleType:
+def asammdf_for(path: Path, use: str) -> ModuleType:
+    """Return the library; raises RecordingError naming the file and its use if it is not there."""
     try:
         import asammdf  # noqa: PLC0415
     except ImportError as error:
         raise RecordingError(
-            f"{path}: reading it needs asammdf: pip install '.[mdf]' in the project's folder"
+            f"{path}: {use} it needs asammdf: pip install '.[mdf]' in the project's folder"
         ) from error
     module: ModuleType = asammdf
     return module

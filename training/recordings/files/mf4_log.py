@@ -11,6 +11,7 @@ from monitor.base.errors import RecordingError
 from monitor.base.types import FrameBlock
 from monitor.frames import mdf as mdf4
 from monitor.frames.blocks import EXTENDED
+from training.recordings.files.measurement import asammdf_for
 
 _NAME: Final = "CAN_DataFrame"  # names and layout: ASAM MDF, associated standard for bus logging
 _DTYPE: Final = np.dtype(
@@ -31,14 +32,10 @@ def write_mf4(path: Path, frames: FrameBlock) -> None:
 
     Raises RecordingError if asammdf is not installed.
     """
-    try:
-        from asammdf import MDF, Signal  # noqa: PLC0415
-        from asammdf.blocks.v4_blocks import SourceInformation  # noqa: PLC0415
-        from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS  # noqa: PLC0415
-    except ImportError as error:
-        raise RecordingError(
-            f"{path}: writing .mf4 needs asammdf: pip install '.[mdf]' in the project's folder"
-        ) from error
+    asammdf = asammdf_for(path, "writing")
+    from asammdf.blocks.v4_blocks import SourceInformation  # noqa: PLC0415
+    from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS  # noqa: PLC0415
+
     start_s = int(frames.t_ns[0]) // 1_000_000_000
     samples = np.zeros(len(frames.t_ns), dtype=_DTYPE)
     samples[f"{_NAME}.BusChannel"] = 1
@@ -48,10 +45,10 @@ def write_mf4(path: Path, frames: FrameBlock) -> None:
     samples[f"{_NAME}.DataBytes"] = frames.data
     with path.open("wb"):  # an unwritable place is told before any work
         pass
-    with mdf4.quiet(), MDF(version="4.10") as mdf:
+    with mdf4.quiet(), asammdf.MDF(version="4.10") as mdf:
         mdf.header.start_time = datetime.fromtimestamp(start_s, tz=UTC)
         mdf.append(
-            Signal(
+            asammdf.Signal(
                 name=_NAME,
                 samples=samples,
                 timestamps=(frames.t_ns // 1000 - start_s * 1_000_000) / 1e6,

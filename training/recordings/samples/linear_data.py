@@ -13,11 +13,10 @@ from scipy import signal
 
 from monitor.base.counts import plain
 from monitor.base.errors import RecordingError
-from monitor.base.signals import BY_NAME
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.recordings.recording import Recording
-from training.recordings.samples.outliers import outlier_mask
+from training.recordings.samples.preparation import columns_of, output_transform
 from training.recordings.samples.rows import runs
 
 FILTER_ORDER = 2  # of the Butterworth prototype; a band-stop has twice as many poles
@@ -136,19 +135,12 @@ def linear_stretches(
     return parts, reference or _measure(recordings, parts, names, own)
 
 
-def output_transform(output: str) -> str:
-    """Return the transform of the output: "phi" for the canonical lambda, else "none"."""
-    return "phi" if output.startswith("lambda") and output in BY_NAME else "none"
-
-
 def cleaned(recording: Recording, names: Sequence[str], transform: str) -> FloatArray:
     """Return the signals (n, k); outliers are NaN, holes of up to 3 samples are bridged.
 
     transform : of the last column
     """
-    values = np.column_stack([recording.column(name) for name in names]).astype(np.float64)
-    for i, name in enumerate(names):
-        values[outlier_mask(name, values[:, i]), i] = np.nan
+    values = columns_of(recording, names, {})
     values[:, -1] = to_model_units(transform, values[:, -1])
     for column in values.T:
         _bridge(column)

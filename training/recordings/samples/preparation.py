@@ -4,7 +4,7 @@ A segment ends where an input is invalid. A sample whose output alone is invalid
 0. Contiguous blocks of every recording are held out for validation and for the limits.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from monitor.base.counts import counted
-from monitor.base.errors import RecordingError, UsageError
+from monitor.base.errors import O2Error, RecordingError, UsageError
 from monitor.base.signals import BY_NAME
 from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.model.card import Channel
-from monitor.model.step import to_model_units
+from monitor.model.step import from_model_units, to_model_units
 from training.recordings.samples.augmentation import CONTROLLER, FUEL, controller_noise, fuel_turns
 from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.rows import runs
-from training.recordings.samples.scaling import Scaling, channel_of, in_output_units, scaling_of
+from training.recordings.samples.scaling import Scaling, channel_of, scaling_of
 
 if TYPE_CHECKING:
     from training.recordings.recording import Recording
@@ -120,8 +120,12 @@ def prepare(
         has to learn their balance; a chain has it in its equations
     Raises UsageError for impossible names, RecordingError for recordings that cannot be used.
     """
-    period_ns = _check(recordings, inputs, output)
-    transform = "phi" if output.startswith("lambda") and output in BY_NAME else "none"
+    if not recordings:
+        raise UsageError("no recordings to train on")
+    for _, error in problems(recordings, inputs, output):
+        raise error
+    period_ns = recordings[0].period_ns
+    transform = output_transform(output)
     cut = stretches_of(recordings, inputs, output, transform, 8 * lags)
     u, y, segments = cut.u, cut.y, cut.segments
     valid = np.isfinite(y)
@@ -145,7 +149,7 @@ def prepare(
         enabled=cut.enabled & valid,
         scaling=scaling,
         inputs=tuple(channel_of(n, u[train, i]) for i, n in enumerate(inputs)),
-        output=channel_of(output, in_output_units(transform, recorded[train])),
+        output=channel_of(output, from_model_units(transform, recorded[train])),
         transform=transform,
         recordings=tuple(recordings),
         period_ns=period_ns,
@@ -165,6 +169,10 @@ class Stretches:
     segments: tuple[Segment, ...]
     outliers: dict[str, int]  # signal → values that were left out
     unused: list[str]  # recordings without a stretch, in words
+
+    def each(self, values: FloatArray) -> list[FloatArray]:
+        """Return values of all stretches (n, …) as those of each."""
+        return [values[s.start : s.stop] for s in self.segments]
 
 
 def stretches_of(
@@ -219,6 +227,11 @@ def enabled_rows(recording: "Recording") -> np.ndarray:
     return on
 
 
+def output_transform(output: str) -> str:
+    """Return the transform of the output: "phi" for the canonical lambda, else "none"."""
+    return "phi" if output.startswith("lambda") and output in BY_NAME else "none"
+
+
 def pinned_rows(recording: "Recording", output: str) -> np.ndarray:
     """Return (n,) bool: the output stands at the end of its range outside fuel cut.
 
@@ -230,21 +243,22 @@ def pinned_rows(recording: "Recording", output: str) -> np.ndarray:
     return np.asarray(pinned)
 
 
-def _check(recordings: Sequence["Recording"], inputs: Sequence[str], output: str) -> int:
-    if not recordings:
-        raise UsageError("no recordings to train on")
+def problems(
+    recordings: Sequence["Recording"], inputs: Sequence[str], output: str
+) -> Iterator[tuple[str, O2Error]]:
+    """Yield what keeps a model with these signals from being trained, each with its topic."""
     if output in inputs:
-        raise UsageError(f"{output} is both an input and the output")
+        yield "names", UsageError(f"{output} is both an input and the output")
     if len(set(inputs)) < len(inputs) or not inputs:
-        raise UsageError(f"inputs {' '.join(inputs)}: each must be named once, at least one")
-    first = recordings[0]
+        said = f"inputs {' '.join(inputs)}: each must be named once, at least one"
+        yield "names", UsageError(said)
     for other in recordings[1:]:
-        if other.period_ns != first.period_ns:
-            raise RecordingError(
+        if other.period_ns != (first := recordings[0]).period_ns:
+            said = (
                 f"{other.path}: sample period {other.period_ns / 1e9:g} s, {first.path} has "
                 f"{first.period_ns / 1e9:g} s; bring them to one grid with --period"
             )
-    return int(first.period_ns)
+            yield "sample period", RecordingError(said)
 
 
 def columns_of(

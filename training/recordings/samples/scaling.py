@@ -104,11 +104,6 @@ def _output_range(y: FloatArray, share: float) -> tuple[float, float]:
     return low - margins[0], high + margins[1]
 
 
-def in_output_units(transform: str, y: FloatArray) -> FloatArray:
-    """Return the model's output (n,) in the unit of the recorded signal."""
-    return np.asarray(np.minimum(1.0 / np.maximum(y, 1e-3), 16.0)) if transform == "phi" else y
-
-
 def channel_of(name: str, values: FloatArray) -> Channel:
     """Return the card's entry of a signal with these training values (n,)."""
     unit = BY_NAME[name].unit if name in BY_NAME else ""

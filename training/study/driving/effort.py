@@ -13,7 +13,7 @@ import numpy as np
 from monitor.base import config
 from monitor.base.errors import RecordingError, UsageError
 from monitor.model.step import Model
-from training.limits.decision_limits import set_limits
+from training.limits.decision_limits import with_limits
 from training.limits.trust import trust_of
 from training.narx.fit import FitOptions, FitSource, fit
 from training.recordings.recording import Recording
@@ -62,7 +62,7 @@ def _found(task: Task, part: list[Recording]) -> dict[str, Any]:
     path = task.folder / "effort.onnx"
     try:
         result = fit(FitSource(part, task.inputs, task.output), path, options)
-        card = set_limits(path, *result.healthy(), config.load())
+        card = with_limits(result.card, *result.healthy(), config.load())
     except (RecordingError, UsageError) as error:
         return row | {"why": str(error)}
     trust = trust_of([(Model.load(path), task.test)], card, config.load(), path.name)

@@ -124,14 +124,11 @@ def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
 def figures(tried: Tried, rows: np.ndarray) -> dict[str, Any]:
     """Return the free-run errors of an input set on ``rows``, in model units."""
     measured = tried.data.scaling.unscale_y(tried.data.samples.y[rows])
-    predicted = tried.predicted()[rows]
+    found = metrics.measures(measured, tried.predicted()[rows])
     return {
         "name": tried.set.name,
         "inputs": list(tried.set.inputs),
-        "samples": int(rows.sum()),
-        "rmse": metrics.rmse(measured, predicted),
-        "fit_percent": metrics.fit_percent(measured, predicted) if np.ptp(measured) > 0 else None,
-        "correlation": metrics.correlation(measured, predicted),
+        **{name: found[name] for name in ("samples", "rmse", "fit_percent", "correlation")},
         "rmse_of_starts": [metrics.rmse(measured, tried.predicted(t)[rows]) for t in tried.starts],
         "stopped_by_budget": sum(start.cut_short for start in tried.starts),
     }

@@ -11,7 +11,8 @@ from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
-from training.recordings.samples.linear_data import linear_stretches, output_transform
+from training.recordings.samples.linear_data import linear_stretches
+from training.recordings.samples.preparation import output_transform
 from training.study.selection.input_sets import (
     InputSet,
     aligned,

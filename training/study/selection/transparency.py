@@ -18,7 +18,6 @@ from scipy import linalg, signal
 from monitor.base.faults import resolve
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
-from training.limits.trust import put_on
 from training.narx.cross_fit import as_recorded
 from training.narx.linear.arx import lagged
 from training.narx.search.stages import free_run
@@ -27,6 +26,7 @@ from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.preparation import Role, enabled_rows
 from training.recordings.samples.rows import runs
+from training.recordings.sensor_fault import put_on
 from training.study.selection.input_sets import Tried, correlations
 
 COMMAND = "lambda_target"

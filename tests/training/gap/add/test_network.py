@@ -29,11 +29,10 @@ from training.greybox.effects import LIBRARY
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.drive import from_recording
 from training.greybox.graph.chain_difference import ChainDifference
-from training.limits.evaluation import predict
 from training.limits.judging import judge_recordings
 from training.narx.export import update_card
 from training.narx.fit import FitResult
-from training.recordings.prediction import predicted_phi
+from training.recordings.prediction import predict, predicted_phi
 from training.recordings.recording import Recording
 
 NOTHING = ModelEffect.with_values("injector_offset", [0.0])

@@ -164,8 +164,8 @@ def compared(network: Path, folder: Path, rich: float) -> tuple[dict[str, Any], 
         [table(folder / name, seed, without=DRY, rich=more) for seed in seeds]
         for name, seeds, more in (("new", (21, 22, 23), rich), ("healthy", (31, 32, 33), 0.0))
     )
-    out = folder / "gap"
-    assert run("--model", network, *new, "--healthy", *known, "--out", out) == 0
+    out, roles = folder / "gap", (*new[:2], "--healthy", *known, "--verify", new[2])
+    assert run("--model", network, *roles, "--out", out) == 0
     found: dict[str, Any] = json.loads((out / "gap.json").read_text())
     return found, (out / "report.html").read_text()
 
@@ -183,6 +183,7 @@ def test_without_fuel_and_air_the_report_says_in_what_runs_differ(
     assert first["driver"] in ("manifold_pressure_kpa", "maf_kg_h", "rail_pressure_mpa")
     assert first["regime"] in found["unknown_effect"]
     assert found["effects"] == found["ranking"] == []
+    assert [each["path"] for each in found["held_out"]] == ["drive_23.csv"]
     assert found["base"] is found["rmse_after"] is None
     assert found["rmse_before"] > 0.01
     assert found["skipped"]["wall_film"] == ["fuel_mass_mg"]  # air comes of meter and speed

@@ -17,7 +17,6 @@ from tests.helpers.drives.recordings import recording_of
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
 from training.gap.add.addition import Addition
 from training.gap.inputs.roles import FAULTS
-from training.gap.verify.detection import put_on
 from training.gap.verify.error_regimes import compare
 from training.gap.verify.evidence import Count
 from training.gap.verify.verification import Fold, Verification, verify
@@ -25,10 +24,10 @@ from training.gap.workflow import delivered
 from training.greybox.chain import Constants, base_path, simulate
 from training.greybox.fit.drive import Comparison
 from training.greybox.model import fit_greybox
-from training.limits.decision_limits import set_limits
+from training.limits.decision_limits import with_limits
 from training.narx.export import update_card
 from training.recordings.recording import Recording
-from training.recordings.sensor_fault import faulty_readings
+from training.recordings.sensor_fault import faulty_readings, put_on
 
 NOISE = 0.001
 GAIN = 1.02  # of the vehicle with the gap: the old model was fitted at 1
@@ -52,7 +51,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     for name, gain in (("old", 1.0), ("new", GAIN)):
         drives = [recording(seed, gain) for seed in (1, 2)]
         fitted = fit_greybox(drives, folder / f"{name}.onnx")
-        set_limits(fitted.path, *fitted.healthy(), config.load())
+        update_card(fitted.path, with_limits(fitted.card, *fitted.healthy(), config.load()))
         paths.append(fitted.path)
     return paths[0], paths[1]
 
