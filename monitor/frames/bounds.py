@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from _typeshed import WriteableBuffer
 
 LINE_BYTES: Final = 1 << 20  # a CAN FD frame takes 200 bytes, a table of 10,000 columns 200,000
+TOO_LONG: Final = f"a line of {LINE_BYTES:,} bytes or more, shorter ones are wanted"
 RATIO: Final = 100  # of a log; an idle bus whose bytes never change reaches 18
 TABLE_RATIO: Final = 400  # 20 columns that never change reach 63, 1,000 blank columns 218
 FREE_BYTES: Final = 1 << 20  # this much may come of any packed file, whatever the ratio
@@ -109,11 +110,6 @@ def _is_packed(path: Path) -> bool:
     return path.suffix.lower() == ".gz"
 
 
-def too_long() -> BoundError:
-    """Return the error of a line of ``LINE_BYTES`` or more."""
-    return BoundError(f"a line of {LINE_BYTES:,} bytes or more, shorter ones are wanted")
-
-
 class _KeptFile(io.RawIOBase):
     """A file's bytes, unpacked if its name ends in .gz: its ratio is kept, its lines measured."""
 
@@ -150,7 +146,7 @@ class _KeptFile(io.RawIOBase):
     def _measure(self, data: bytes) -> None:
         ends = [end for mark in (b"\n", b"\r") if (end := data.find(mark)) >= 0]
         if self._open + min(ends, default=len(data)) >= LINE_BYTES:
-            raise too_long()
+            raise BoundError(TOO_LONG)
         self._open += len(data)
         if ends:
             self._open = len(data) - 1 - max(data.rfind(b"\n"), data.rfind(b"\r"))

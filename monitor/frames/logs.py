@@ -24,7 +24,7 @@ from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters, frames_o
 from monitor.frames.bounds import open_binary, open_text
 from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
-from monitor.frames.tables.readers import suffix_of
+from monitor.frames.tables.readers import reason, suffix_of
 from monitor.frames.text import candump
 from monitor.frames.text.layouts import LAYOUTS, UNREAD, LayoutFound, frames_of_lines, layout_of
 
@@ -134,9 +134,8 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
     except Exception as error:  # readers have no common base for their errors
-        reason = " ".join(str(error).split()) or type(error).__name__
         after = f" after {counters.frames} frames" if counters.frames else ""
-        raise RecordingError(f"{path}: damaged or cut short{after}: {reason}") from error
+        raise RecordingError(f"{path}: damaged or cut short{after}: {reason(error)}") from error
     counters.finish(early)
     if counters.frames == 0:
         is_mdf = ".mf4" in path.suffixes

@@ -18,17 +18,17 @@ from monitor.frames.blocks import LATEST_S
 from monitor.frames.profiles.profile import Profile, is_profile, load_profile, path_of, profile_of
 from monitor.frames.profiles.recognition import key, places, recognised
 from monitor.frames.profiles.signals import all_cells, read_signals
+from monitor.frames.profiles.times import in_ns
 from monitor.frames.tables.dialect import OWN_TIME
 from monitor.frames.tables.parquet import read_parquet
 from monitor.frames.tables.raw_table import Notes, RawTable, Wanted
 from monitor.frames.tables.raw_table import Table as Table  # noqa: PLC0414 - known from here above
-from monitor.frames.tables.readers import TEXT, is_readable, open_table, suffix_of
+from monitor.frames.tables.readers import SUFFIXES, TEXT, open_table, suffix_of
 from monitor.frames.text.layouts import layout_of
 from monitor.grid.columns import Column, load_columns
 
 TIME: Final = OWN_TIME
 DEFAULT_PERIOD_NS: Final = 100_000_000
-LONGEST_IN_NS_S: Final = 1e6
 UNIFORM: Final = 0.01  # a table whose steps differ by less is used sample for sample
 # periods for tables with uneven steps: the least that is not below the middle step
 STEP_ABOVE: Final = 0.1  # by which the middle step may be above the period
@@ -43,7 +43,7 @@ def is_table(path: str | Path) -> bool:
     if path.name.lower().endswith((".parquet", ".mdf", ".dat")):
         return True
     if suffix_of(path) not in TEXT:
-        return is_readable(path)
+        return suffix_of(path) in SUFFIXES
     try:
         found = layout_of(path)
         return found.layout is None and not found.is_candump
@@ -167,16 +167,11 @@ def make_table(
 
 
 def _times(path: Path, time_s: FloatArray, notes: Notes) -> tuple[IntArray, BoolArray]:
-    """Return rising times in ns, and of which rows (n,) they are: the last of equal times.
-
-    Times since 1970 are rounded to microseconds, as those of frames are.
-    """
+    """Return rising times in ns, and of which rows (n,) they are: the last of equal times."""
     bad = np.flatnonzero(~(np.abs(time_s) < LATEST_S))
     if bad.size:
         raise RecordingError(f"{path}: line {bad[0] + 2}: {TIME} is not a number or no time in s")
-    # a float holds nanoseconds of a drive, but only microseconds of the time since 1970
-    step_ns = 1 if np.abs(time_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
-    t_ns: IntArray = np.rint(time_s * (1e9 / step_ns)).astype(np.int64) * step_ns
+    t_ns = in_ns(time_s)
     steps_ns = np.diff(t_ns)
     falling = np.flatnonzero(steps_ns < 0)
     if falling.size:

@@ -250,8 +250,10 @@ def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterato
         read = fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
         reads.append(fit if unit == UNITS["-"] else read)
     likely = [read for read in reads if _is_usual(quantity, read, d)]
-    middle = float(np.median(reads[0].canonical(d.known))) if len(likely) > 1 else 0.0
-    is_told = is_plain or len(likely) < 2 or quantity.typical[0] <= middle <= quantity.typical[1]
+    inside = [read for read in likely if _middle(read, d) >= quantity.usual[0]]
+    likely = inside if len(inside) == 1 else likely
+    low, high = quantity.typical
+    is_told = is_plain or len(likely) < 2 or low <= _middle(reads[0], d) <= high
     units = "" if is_told else f": {' or '.join(read.unit for read in likely)}?"
     for read in reads:
         is_borne_out = kind not in SEVERAL and is_told and read in likely
@@ -261,7 +263,11 @@ def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterato
 def _is_usual(quantity: MapQuantity, fit: QuantityFit, d: Description) -> bool:
     """Return whether the upper half of the values reaches into an engine's usual range."""
     (low, high), values = quantity.usual, fit.canonical(d.known)
-    return bool(len(values)) and float(np.median(values)) <= high and float(values.max()) >= low
+    return bool(len(values)) and _middle(fit, d) <= high and float(values.max()) >= low
+
+
+def _middle(fit: QuantityFit, d: Description) -> float:
+    return float(np.median(fit.canonical(d.known)))
 
 
 def _flag(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:

@@ -8,12 +8,13 @@ what there is.
 from collections.abc import Collection, Iterator
 from dataclasses import fields, replace
 from importlib.resources import files
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
 from monitor.base.counts import plain
-from monitor.base.signals import BY_NAME, SIGNALS
+from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
 from monitor.frames.profiles.profile import (
@@ -35,6 +36,7 @@ from monitor.report.check_table import TableCheck
 _ENOUGH: Final = 6  # columns to know a logger by
 _OWN: Final = 3  # of these, columns that no shipped profile knows: no other logger has them
 _RISING: Final = 0.95  # of the steps of a time's column; the first row may be an old one
+_TEMPERATURES: Final = [n for n, q in QUANTITIES.items() if q.unit.quantity == "temperature"]
 _PROFILE: Final = files("monitor.mapping").joinpath("profile.template").read_text("utf-8")
 
 
@@ -43,6 +45,9 @@ def proposed(raw: RawTable) -> str:
     wanted = [Wanted(i) for i in range(len(raw.columns))]
     cells = next(iter(raw.read(wanted, Notes())), np.empty((0, len(wanted))))
     candidates = _candidates(raw, cells)
+    coolant = min(candidates["coolant_temperature_degc"], key=attrgetter("rank"), default=None)
+    if coolant and not coolant.fit.doubt and isinstance(coolant.entry, dict):
+        candidates = _candidates(raw, cells, coolant.entry.get("unit", ""))  # one setting for all
     looks = {c.place for each in candidates.values() for c in each if not c.fit.doubt}
     times = _time_columns(raw, cells, looks)
     others = {name: [c for c in each if c.place not in times] for name, each in candidates.items()}
@@ -85,8 +90,14 @@ def _told(column: RawColumn, values: FloatArray) -> str:
     return "# " + " ".join(filter(None, (toml(column.name), column.unit, span)))
 
 
-def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandidate]]:
-    """Return the columns that may carry each signal: by a name that is known, and by words."""
+def _candidates(
+    raw: RawTable, cells: FloatArray, of_temperature: str = ""
+) -> dict[str, list[SignalCandidate]]:
+    """Return the columns that may carry each signal: by a name that is known, and by words.
+
+    of_temperature : unit of the columns that state none
+    """
+    setting = dict.fromkeys(_TEMPERATURES, of_temperature)
     known: dict[str, tuple[str, Source]] = {}
     for profile in map(shipped_profile, shipped()):
         for name, sources in profile.signals.items():
@@ -98,7 +109,7 @@ def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandid
         if not column.name or not np.isfinite(values).any():
             continue
         for name, source in (known[each] for each in keys_of(column.name) if each in known):
-            own = _known(name, source, column, values)
+            own = _known(name, source, column, values, setting.get(name, ""))
             if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
                 is_plain = (own.factor, own.offset) == (1.0, 0.0)  # no gauge
                 sure = QuantityFit(1.0 if is_plain else SURE, ("its name is known",))
@@ -107,9 +118,10 @@ def _candidates(raw: RawTable, cells: FloatArray) -> dict[str, list[SignalCandid
                     SignalCandidate(name, column.name, sure, _entry(own), order, True)
                 )
         for text in dict.fromkeys(_words(raw, each) for each in (column.name, *column.others)):
-            described = Description(text, stated_unit(column, STOICHIOMETRIC), values=values)
+            stated = stated_unit(column, STOICHIOMETRIC)
             for name in BY_NAME.keys() & QUANTITIES.keys():
-                if fit := fit_of(name, described):
+                unit = stated or setting.get(name, "")
+                if fit := fit_of(name, Description(text, unit, values=values)):
                     fit = fit.doubted("a profile knows no 1 / lambda") if fit.is_phi else fit
                     entry = _entry(_by_words(name, column, fit))
                     found[name].append(SignalCandidate(name, column.name, fit, entry, ()))
@@ -124,17 +136,24 @@ def _words(raw: RawTable, name: str) -> str:
     return bare if unit_of(unit, STOICHIOMETRIC) or unit == "-" else name
 
 
-def _known(name: str, source: Source, column: RawColumn, values: FloatArray) -> Source | None:
+def _known(
+    name: str, source: Source, column: RawColumn, values: FloatArray, setting: str
+) -> Source | None:
     """Return a shipped profile's source for a column, None if unit or values are of another one.
 
+    setting : unit that the logger has for all such columns, "" if nothing tells it
     Where neither file nor profile states a unit, the values tell it.
     """
     own = replace(source, column=column.name)
+    if setting and not stated_unit(column, STOICHIOMETRIC):
+        own = replace(own, units=(setting,))
     converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
     if not is_of_quantity(name, source, column, STOICHIOMETRIC):
         return None
     if name not in QUANTITIES or converts:
-        return own
+        low, high = plausible_range(name)
+        is_told = converts or source.units or stated_unit(column, STOICHIOMETRIC)
+        return own if is_told or low <= np.nanmedian(values) <= high else None
     usual = () if QUANTITIES[name].unit.quantity in SEVERAL else own.units
     unit = stated_unit(column, STOICHIOMETRIC) or (usual[0] if len(usual) == 1 else "")
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)

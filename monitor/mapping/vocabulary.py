@@ -127,11 +127,12 @@ class MapQuantity:
     also: frozenset[str]  # words that may stand beside those of a phrase
     one_sensor: bool = False  # must be upstream, of the first bank
     volume: str = ""  # quantity of units that the density converts
+    most: float = 0.0  # of a usual median, 0: 1.5 times the highest typical value
 
     @property
     def usual(self) -> tuple[float, float]:
         """Return the range of the median of a drive."""
-        return 0.7 * self.typical[0], 1.5 * self.typical[1]
+        return 0.7 * self.typical[0], self.most or 1.5 * self.typical[1]
 
     @property
     def is_flag(self) -> bool:

@@ -13,6 +13,9 @@ from monitor.base.types import FloatArray, FrameBlock, IntArray, SampleBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap
 from monitor.decode.log_blocks import EngineAnswers
+from monitor.frames.blocks import EXTENDED
+from monitor.frames.loop_frames import LOG_GAP_ID
+from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import Asked, Cause, causes, timeout_of
 from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
@@ -158,8 +161,8 @@ def check(blocks: Iterable[FrameBlock], bus_map: BusMap, silent_s: float = 0.0) 
         for name, timeout_ns in zip(decoder.channels, decoder.timeouts_ns, strict=True)
     ]
     n = end_ns = 0
-    for block in map(EngineAnswers(decoder.plans).push, blocks):
-        n += len(block.t_ns)
+    for block in Timeline(decoder).blocks(map(EngineAnswers(decoder.plans).push, blocks)):
+        n += int(np.count_nonzero(block.key != LOG_GAP_ID | EXTENDED))
         end_ns = max(end_ns, int(block.t_ns.max(initial=0)))
         for part in decoder.push(block):
             for index, values in zip(part.channels, part.values, strict=True):

@@ -13,7 +13,7 @@ from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
 from monitor.frames.profiles.recognition import recognised
-from monitor.frames.tables.readers import is_readable, open_table
+from monitor.frames.tables.readers import SUFFIXES, open_table, suffix_of
 from monitor.grid.table_samples import in_range
 from monitor.grid.tables import BLANK, TIME, Table, read_table, table_period_ns
 from monitor.model.card import ModelCard
@@ -191,7 +191,7 @@ def _runs(table: Table) -> BoolArray:
 
 def is_of_logger(path: Path, columns: Path | None) -> bool:
     """Return whether a file is read under a profile, given or to be recognised."""
-    if not is_readable(path):
+    if suffix_of(path) not in SUFFIXES:
         return False
     if columns is not None:
         return is_profile(path_of(columns))

@@ -67,7 +67,9 @@ def read_signals(
     order = [s.name for s in SIGNALS if s.name in signals]
     order += [name for name in signals if name not in BY_NAME]
     if not order:
-        raise RecordingError(f"{raw.path}: none of its columns is known to {profile.name}")
+        why = f"blank, or 0 throughout: {', '.join(blank.values())}; none other"
+        known = f"is known to {profile.name}"
+        raise RecordingError(f"{raw.path}: {why if blank else 'none of its columns'} {known}")
     nowhere = np.zeros(len(t_ns), dtype=bool)
     pins = np.column_stack([pinned.get(name, nowhere) for name in order])
     return Table(

@@ -23,7 +23,7 @@ SHORTEST_STEP_S: Final = 1e-4  # of a logger's rows
 LONGEST_STEP_S: Final = 60.0
 COUNTS: Final = 2.0  # whole steps from here on may be seconds, ms or counts
 EPOCH_S: Final = 1e9  # a time since 1970 from 2001 on
-LONGEST_IN_NS_S: Final = 1e6  # later times have microseconds, as those of frames
+LONGEST_IN_NS_S: Final = 1e6  # of times that a float holds to the nanosecond
 
 
 def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, BoolArray]:
@@ -53,8 +53,7 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     anew = steps < -JITTER_S
     notes.count("logs_begun_anew", int(anew.sum()))
     t_s += np.cumsum(np.where(anew, ANEW_S - steps, 0.0))
-    step_ns = 1 if np.abs(t_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
-    t_ns: IntArray = np.rint(t_s * (1e9 / step_ns)).astype(np.int64) * step_ns
+    t_ns = in_ns(t_s)
     older = t_ns < np.maximum.accumulate(t_ns)
     repeated = np.zeros(len(t_ns), dtype=bool)
     ordered = np.flatnonzero(~older)
@@ -64,6 +63,13 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     good = ~older & ~repeated
     keep[keep] = good
     return t_ns[good], keep
+
+
+def in_ns(t_s: FloatArray) -> IntArray:
+    """Return times in ns; those since 1970 have microseconds, as a float does and frames do."""
+    step_ns = 1 if np.abs(t_s).max(initial=0.0) < LONGEST_IN_NS_S else 1000
+    t_ns: IntArray = np.rint(t_s * (1e9 / step_ns)).astype(np.int64) * step_ns
+    return t_ns
 
 
 def spread(t_s: FloatArray, notes: Notes) -> FloatArray:

@@ -245,6 +245,8 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
         if not i and not name and len(header) == 1 and column.kind != "text":  # pandas' index
             column = replace(column, name="index")
         columns.append(column)
+    while len(columns) > layout.width and not columns[-1].name:
+        columns.pop()
     return tuple(columns)
 
 

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.errors import RecordingError
-from monitor.base.types import FloatArray, IntArray
+from monitor.base.types import FloatArray
 from monitor.frames.bounds import open_binary
+from monitor.frames.tables.dialect import one_line
 from monitor.frames.tables.mlg_blocks import BLOCK_HEAD, Blocks
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 
@@ -100,8 +101,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, _MlgLayout, str]:
     if at != record:
         raise RecordingError(f"{path}: records of {record} bytes, its {n} fields take {at}")
     text = rest[info - start - n * size :][:20_000] if info else b""
-    signature = _text(text.partition(b"\0")[0])
-    return version, _MlgLayout(tuple(fields), tuple(offsets), data, record), signature
+    return version, _MlgLayout(tuple(fields), tuple(offsets), data, record), _text(text)
 
 
 def _wanted_bytes(path: Path, file: BinaryIO, n: int) -> bytes:
@@ -114,7 +114,7 @@ def _wanted_bytes(path: Path, file: BinaryIO, n: int) -> bytes:
 def _scalar(entry: bytes, dtype: str) -> _Field:
     scale, transform = struct.unpack_from(">ff", entry, 46)
     scale = float(f"{scale:.7g}")  # the decimal that 32 bits stand for: 0.1, not 0.10000000149
-    return _Field(_name(entry[1:35]), _name(entry[35:45]), dtype, scale, transform)
+    return _Field(_text(entry[1:35]), _text(entry[35:45]), dtype, scale, transform)
 
 
 class _Names(NamedTuple):
@@ -131,10 +131,10 @@ def _bits(entry: bytes, dtype: str, names: _Names) -> list[_Field]:
     """Return one field per bit that has a name."""
     (index,), count = struct.unpack_from(">I", entry, 46), entry[50]
     own = names.of(index, min(count, 8 * np.dtype(dtype).itemsize))
-    group = _name(entry[1:35])
+    group = _text(entry[1:35])
     return [
         _Field(
-            name=f"{group}: {_name(name)}", unit="", dtype=dtype, scale=1.0, transform=0.0, bit=bit
+            name=f"{group}: {_text(name)}", unit="", dtype=dtype, scale=1.0, transform=0.0, bit=bit
         )
         for bit, name in enumerate(own)
         if name and _text(name) != "INVALID"
@@ -142,33 +142,30 @@ def _bits(entry: bytes, dtype: str, names: _Names) -> list[_Field]:
 
 
 def _text(data: bytes) -> str:
+    """Return a name, unit or signature, which ends with a zero, in one line."""
     text = data.partition(b"\0")[0]
     try:
-        return text.decode("utf-8").strip()
+        return one_line(text.decode("utf-8"))
     except UnicodeDecodeError:
-        return text.decode("cp1252", errors="replace").strip()
-
-
-def _name(data: bytes) -> str:
-    """Return a field's name or unit, without characters that cannot be printed."""
-    return "".join(letter for letter in _text(data) if letter.isprintable())
+        return one_line(text.decode("cp1252", errors="replace"))
 
 
 def _read(
     path: Path, layout: _MlgLayout, wanted: Sequence[Wanted], notes: Notes
 ) -> Iterator[FloatArray]:
     """Yield the wanted fields, (n, n_wanted), of one chunk after the other."""
-    blocks = Blocks(layout.record)
-    clock = _Clock()
+    last, ticks = None, np.zeros(1, dtype=np.int64)
     with open_binary(path) as file:
         file.seek(layout.data)
-        for records in blocks.of(file, notes):
-            stamps = clock.seconds(records[:, 2].astype(np.int64) * 256 + records[:, 3])
+        for records in Blocks(layout.record).of(file, notes):
+            stamps = records[:, 2].astype(np.int64) * 256 + records[:, 3]
+            steps = np.diff(stamps, prepend=stamps[0] if last is None else last) % _WRAP
+            last, ticks = stamps[-1], ticks[-1] + np.cumsum(steps)
             out = np.empty((len(records), len(wanted)))
             for i, each in enumerate(wanted):
                 column = each.column
                 out[:, i] = (
-                    stamps
+                    ticks * _TICK_S
                     if column == len(layout.fields)
                     else _values(records, layout.fields[column], layout.offsets[column])
                 )
@@ -185,18 +182,3 @@ def _values(records: NDArray[np.uint8], field: _Field, offset: int) -> FloatArra
     if field.transform:
         values += field.transform
     return values if field.scale == 1.0 else values * field.scale
-
-
-class _Clock:
-    """Unwraps the timestamps of records."""
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-        self._ticks = 0
-
-    def seconds(self, stamps: IntArray) -> FloatArray:
-        before = stamps[0] if self._last is None else self._last
-        steps = np.diff(stamps, prepend=before) % _WRAP
-        ticks = self._ticks + np.cumsum(steps)
-        self._last, self._ticks = int(stamps[-1]), int(ticks[-1])
-        return np.asarray(ticks * _TICK_S)

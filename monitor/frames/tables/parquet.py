@@ -11,6 +11,7 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.files.inputs import open_regular
 from monitor.base.types import FloatArray
+from monitor.frames.tables.readers import reason
 
 
 def read_parquet(path: Path, needed: Collection[str] | None) -> tuple[list[str], FloatArray]:
@@ -62,5 +63,4 @@ def _columns(path: Path) -> dict[str, FloatArray | None]:
     except polars.exceptions.PanicException as panic:  # of a damaged file; no Exception
         raise RecordingError(f"{path}: cannot read the table: damaged") from panic
     except Exception as error:  # polars has no common base for its errors
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RecordingError(f"{path}: cannot read the table: {reason}") from error
+        raise RecordingError(f"{path}: cannot read the table: {reason(error)}") from error

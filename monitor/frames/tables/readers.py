@@ -22,18 +22,13 @@ def suffix_of(path: Path) -> str:
     return Path(name).suffix
 
 
-def is_readable(path: Path) -> bool:
-    """Return whether a reader knows the file's suffix."""
-    return suffix_of(path) in SUFFIXES
-
-
 def open_table(path: Path, pivot: Pivot | None = None) -> RawTable:
     """Return the file's raw table.
 
     pivot : columns of a text table with one value a row
     Raises RecordingError naming the file if it cannot be read.
     """
-    if not is_readable(path):
+    if suffix_of(path) not in SUFFIXES:
         raise RecordingError(
             f"{path}: not a table; 'o2train table' reads .mf4, .mdf; text ends in {' '.join(TEXT)}"
         )
@@ -47,4 +42,5 @@ def open_table(path: Path, pivot: Pivot | None = None) -> RawTable:
 
 def reason(error: Exception) -> str:
     """Return an error in a few words."""
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+    said = getattr(error, "strerror", None) or str(error)
+    return " ".join(said.split()) or type(error).__name__

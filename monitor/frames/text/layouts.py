@@ -15,7 +15,7 @@ from datetime import datetime, timedelta, timezone
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
@@ -55,7 +55,7 @@ class TextLayout:
     begins: re.Pattern[str]  # somewhere in the first lines
     frames: tuple[re.Pattern[str], ...]
     other: re.Pattern[str]  # lines that are no frame
-    time_s: Callable[[str], float]
+    time_s: Callable[[str], float] = _seconds
     id_base: int = 0  # of identifiers, 0 that of the data
     wraps: bool = False  # the time of day, which begins anew at midnight
     ends_lines: bool = False  # with a line end, the last one, too
@@ -92,16 +92,7 @@ _CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and no
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
 
-def _layout(
-    tool: str,
-    begins: str,
-    *rows: str,
-    other: str = r"(?!)",
-    time_s: Callable[[str], float] = _seconds,
-    wraps: bool = False,
-    ends_lines: bool = False,
-    joined: Callable[[Iterator[str]], Iterator[str]] = iter,
-) -> TextLayout:
+def _layout(tool: str, begins: str, *rows: str, other: str = r"(?!)", **more: Any) -> TextLayout:
     """Return a layout; in the patterns of rows a blank stands for blanks, @name for a cell."""
     frames = [
         re.sub(r"@(\w+)", lambda cell: _CELLS[cell[1]], row.replace(" ", r"\s+")) for row in rows
@@ -111,10 +102,7 @@ def _layout(
         begins=re.compile(begins, _ANY | re.M),
         frames=tuple(re.compile(rf"\s*{row}\s*", _ANY) for row in frames),
         other=re.compile(other, _ANY),
-        time_s=time_s,
-        wraps=wraps,
-        ends_lines=ends_lines,
-        joined=joined,
+        **more,
     )
 
 
@@ -141,7 +129,7 @@ def _saleae(lines: Iterator[str]) -> Iterator[str]:
 ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
     "Vector ASC",
     r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)",
-    r"@time @channel @id@ext? (?:Rx|Tx|TxRq) (?:@remote(?: \w+)?|d (?P<dlc>[0-9a-f]{1,2})"
+    r"@time @channel @id@ext? (?:(?:Rx|Tx|TxRq) )?(?:@remote(?: \w+)?|d (?P<dlc>[0-9a-f]{1,2})"
     r"(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=))*))(?: \w+\s*=\s*\S+)*",
     r"@time CANFD @channel (?:Rx|Tx|TxRq) @id@ext? (?:\S*[^\s\d]\S* )?[01] [01] [0-9a-f]+ "
     r"@length@data(?:\s.*)?",
@@ -180,13 +168,12 @@ _PEAK_CELLS: Final = {
 }
 CSV: Final = _layout(
     "python-can CSV",
-    r"\Atimestamp,arbitration_id,",
+    r"\Atimestamp,arbitration_id,extended,",
     r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),@id,(?:(?P<ext>1)|0),(?:(?P<remote>1)|0),"
     r"(?:(?P<error>1)|0),@length,(?P<base64>[\w+/=]*)",
     other=r"timestamp,arbitration_id,.*",
     ends_lines=True,
 )
-BY_SUFFIX: Final = {".asc": ASC, ".trc": PEAK}  # known by their suffix, too
 LAYOUTS: Final = (
     _layout(
         _CONSOLE,
@@ -272,28 +259,30 @@ TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …
 )
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
+_OF: Final = r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
-        r"(?:(?:abs|start|rx) ?)?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|系统时间|时间标识",
+        r"(?:abs|start|rx|(?!delta|rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|"
+        "系统时间|时间标识",
         r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*)',
     ),
     (
-        r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?(?:id|identifier|addr\w*)(?:_...)?\b.*|帧?id号?",
+        rf"{_OF}(?:id|identifier|addr\w*)(?:_...)?\b.*|帧?id号?",
         r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?",
     ),
     (
         r"(?:bus|channel|ch|chn|kanal|interface|network)(?:channel)?|(?:can)?通道号?",
         r"(?P<channel>[^{sep}]*)",
     ),
-    (r"(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
+    (rf"{_OF}(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
     (r"(?:is_)?ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
     (r"(?:is_)?(?:remote|rtr)", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
     (r"type|帧类型", rf"(?:(?P<remote>rem\w*|rtr|远程帧)|{_REST})"),
     (r"er|(?:is_)?err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
     (r"flags?", r'(?P<flags>[^{sep}"]*)'),
     (
-        r"(?:data|daten|payload)(?: ?bytes?)?(?: ?[(\[]hex[)\]])?|数据(?:\(hex\))?",
-        r"(?:x\|)? *\[?(?:0x)?(?P<data>[0-9a-fx: ]*)\]?",
+        rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|数据(?:\(hex\))?",
+        r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*|[0-9a-fx: ]*)\]?",  # of a list with commas
     ),
     (
         r"(?:data|byte|d|b)[ _]?[01]",
@@ -330,7 +319,12 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         return LayoutFound(encoding=encoding, is_candump=True)
     text = _COLOURS.sub("", text)
     found = (each for each in LAYOUTS if each.begins.search(text))
-    layout = next(found, None) or _table(text) or BY_SUFFIX.get(kind)
+    layout = next(found, None) or _table(text)
+    for each in UNREAD["text"] if layout is None else ():
+        if re.search(each["begins"], text, _ANY | re.M):
+            told = f"a CAN log, {each['is']}: not read, convert it with {each['converter']}"
+            raise RecordingError(told)
+    layout = layout or {".asc": ASC, ".trc": PEAK}.get(kind)
     if layout is PEAK:
         return _peak(text, encoding)
     if layout is not None:
@@ -341,10 +335,6 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
         start_s = _start_s(text) if layout is ASC else 0.0
         return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text), start_s)
-    for each in UNREAD["text"]:
-        if re.search(each["begins"], text, _ANY | re.M):
-            told = f"a CAN log, {each['is']}: not read, convert it with {each['converter']}"
-            raise RecordingError(told)
     return LayoutFound(encoding=encoding)
 
 
@@ -382,8 +372,7 @@ def _table(text: str) -> TextLayout | None:
             if pattern and (rows := [*filter(None, map(pattern.fullmatch, lines[number + 1 :]))]):
                 ids = {row["id"] for row in rows}
                 time_s = _table_time(names, [row["time"] for row in rows], len(ids))
-                id_base = 10 if _are_decimal_ids(line, ids) else 0
-                return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=id_base)
+                return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=_id_base(line, ids))
     return None
 
 
@@ -391,8 +380,12 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     """Return the pattern of a row of frames; None if time, identifier or data lack."""
     cells = [_REST] * len(names)
     for form, cell in _TABLE_COLUMNS:
-        fitting = [(n != "id", i) for i, n in enumerate(names) if re.fullmatch(form, n)]
-        place = min(fitting, default=(True, -1))[1]  # that of a frame's header is another one
+        fitting = [
+            (n != "id", not n.startswith("time"), i)  # others are of a header, or of the computer
+            for i, n in enumerate(names)
+            if re.fullmatch(form, n)
+        ]
+        place = min(fitting, default=(True, True, -1))[2]
         if place >= 0 and not ("<data>" in cell and "<data>" in "".join(cells)):
             cells[place] = cell
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
@@ -423,21 +416,29 @@ def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[
     return lambda text: _seconds(text) * step_s
 
 
-def _are_decimal_ids(header: str, ids: set[str]) -> bool:
-    """Return whether identifiers are decimal: by the tool, or else some were short 29-bit ones."""
+def _id_base(header: str, ids: set[str]) -> int:
+    """Return the base of identifiers, 0 if nothing tells it.
+
+    They are decimal by the tool, or else some were short 29-bit ones.
+    """
     if not "".join(ids).isdecimal() or re.search(r"\bid\w*[ _]?[(\[_]hex", header, re.I):
-        return False
+        return 16
     is_large = any(int(each, 16) >> 29 or re.fullmatch("1...|20[0-4].", each) for each in ids)
-    return is_large or bool(re.search(r"\b(can\.id|addr|arb\w*_id|id[ _(]+dec\w*)\b", header, re.I))
+    is_said = re.search(r"\b(can\.id|addr|arb\w*_id|id[ _(]+dec\w*)\b", header, re.I)
+    return 10 if is_large or is_said else 0
 
 
 def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
-    """Return whether the numbers are decimal ones: bytes of one or three digits, no letters."""
+    """Return whether bytes are decimal: of three digits, no letters; or of one as identifiers."""
     if not layout.tool.startswith("Kvaser") and layout.tool != TABLE.tool:
         return False
-    words = [re.split(r"[\s,;]+", f"{row['id']} {row['data']}") for row in rows]
-    letters = any(re.search("[a-fx]", " ".join(row), re.I) for row in words)
-    return not letters and any(len(byte) in (1, 3) for row in words for byte in row[1:])
+    is_hex = layout.id_base == 16
+    data = [row["data"] or "" for row in rows]
+    letters = re.search(
+        "[a-fx]", " ".join([*data, *(row["id"] for row in rows if not is_hex)]), re.I
+    )
+    lengths = {len(byte) for row in data for byte in re.split(r"[\s,;]+", row)}
+    return not letters and (3 in lengths or (1 in lengths and not is_hex))
 
 
 def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]], text: str) -> bool:
@@ -522,8 +523,8 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
     else:
         raw = groups.get("data") or ""
         text = raw.replace(";", " ").replace(",", " ").replace(":", " ").split()
-        if len(text) == 1 and len(text[0]) > 3 and "x" not in text[0]:  # without spaces
-            text = re.findall("..", text[0])
+        if len(text) == 1 and len(text[0]) > 3:  # without spaces
+            text = re.findall("..", text[0].lower().removeprefix("0x"))
         if _CLASSIC < length < 16:  # a code of CAN FD, if the line has so many bytes
             n = _FD_LENGTHS[length - _CLASSIC - 1]
             length = n if len(text) >= n or (code and groups.get("fd")) else length

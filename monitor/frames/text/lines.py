@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.frames.blocks import CutShortError
-from monitor.frames.bounds import LINE_BYTES, PACKED_STEP, is_on_disk, too_long
+from monitor.frames.bounds import LINE_BYTES, PACKED_STEP, TOO_LONG, BoundError, is_on_disk
 
 Bytes = NDArray[np.uint8]
 
@@ -41,7 +41,7 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
             ending = error
         ends = [at for mark in (b"\n", b"\r") if (at := text.find(mark)) >= 0]
         if min(ends, default=len(text)) >= MARGIN + LINE_BYTES:
-            raise too_long()
+            raise BoundError(TOO_LONG)
         # a final return may be half a line end
         cut = max(text.rfind(b"\n"), text.rfind(b"\r", 0, len(text) - 1)) + 1 or MARGIN
         if isinstance(ending, _EndError) and text.endswith(b"\r"):

@@ -1,11 +1,8 @@
-"""python-can without its reader and writer of .mf4, imported where a bus or a new log needs it."""
+"""python-can and cantools without parts that take long to import and are rarely needed."""
 
 import sys
+from importlib import import_module
 from types import ModuleType
-from typing import Final
-
-_MDF: Final = "asammdf"
-_TESTER: Final = "cantools.tester"
 
 
 def import_without_mdf() -> None:
@@ -17,13 +14,7 @@ def import_without_mdf() -> None:
     ``sys.modules`` makes an import fail with ModuleNotFoundError (Python's import system, "The
     module cache"); python-can treats asammdf as optional.
     """
-    if "can" in sys.modules or _MDF in sys.modules:
-        return
-    sys.modules[_MDF] = None  # type: ignore[assignment]
-    try:
-        import can  # noqa: F401, PLC0415
-    finally:
-        del sys.modules[_MDF]
+    _import("can", "asammdf", None)
 
 
 def import_cantools_alone() -> None:
@@ -32,10 +23,15 @@ def import_cantools_alone() -> None:
     python-can, and with it asyncio, takes 0.1 s: as long as numpy, and a sixth of the time of a
     short replay. A later import of the tester works.
     """
-    if "cantools" in sys.modules or "can" in sys.modules:
+    if "can" not in sys.modules:
+        _import("cantools", "cantools.tester", ModuleType("cantools.tester"))
+
+
+def _import(name: str, part: str, stand_in: ModuleType | None) -> None:
+    if name in sys.modules or part in sys.modules:
         return
-    sys.modules[_TESTER] = ModuleType(_TESTER)
+    sys.modules[part] = stand_in  # type: ignore[assignment]
     try:
-        import cantools  # noqa: F401, PLC0415
+        import_module(name)
     finally:
-        del sys.modules[_TESTER]
+        del sys.modules[part]

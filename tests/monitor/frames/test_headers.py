@@ -50,6 +50,12 @@ TABLES = {
         "timestamp,rpm,afr,air,boost\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},{AIR[i]},1"),
         {"engine_speed_rpm": "rpm", "lambda_measured": "afr"},
     ),
+    "a row of groups wider than the table": (
+        "05L 906 022 F,ABC,\n,,G004,F0,G008,F0,\n\nMarker,TIME,Loc. 1,TIME,Loc. 2,\n"
+        ",STAMP,Engine RPM,STAMP,Lambda,\n,, /min,, -,\n"
+        + rows(lambda i: f",{i / 10},{RPM[i]},{i / 10},{AFR[i] / 14.7},"),
+        {"engine_speed_rpm": "Loc. 1", "lambda_measured": "Loc. 2"},
+    ),
     "units in brackets": (
         "Session: 8,,,\ntime,LC1,RPM,X\n(sec),(AFR),(RPM),(g/s)\n"
         + rows(lambda i: f"{i / 10},{AFR[i]},{RPM[i]},{AIR[i]}"),
@@ -423,6 +429,11 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("Coolant", 88.0, "coolant_temperature_degc", 88.0),
         ("Température eau", 88.0, "coolant_temperature_degc", 88.0),
         ("Coolant", 0.0, "coolant_temperature_degc", None),
+        ("MAP", 190.0, "manifold_pressure_kpa", 190.0),  # a pull
+        ("MAP", 230.0, "manifold_pressure_kpa", None),  # kPa or hPa?
+        ("MAP", 500.0, "manifold_pressure_kpa", 50.0),
+        ("Engine Load", 30.0, "load_g_per_rev", None),  # in percent
+        ("Engine Load", 1.2, "load_g_per_rev", 1.2),
         ("Mass Air Flow", 20.0, "maf_kg_h", None),  # kg/h or g/s?
         ("AFR (AFR)", 9.8, "lambda_measured", None),  # as of E85
         ("mass_air_flow_kg_s", 0.005, "maf_kg_h", 18.0),
@@ -507,3 +518,17 @@ def test_a_clock_in_counts_without_a_unit_is_asked_for(tmp_path: Path) -> None:
     path.write_text("Stamp,RPM,AFR\n" + rows(lambda i: f"{900 + 5 * i},{RPM[i]},{AFR[i]}"))
     own.write_text(own.read_text().replace('"Stamp"', '{ column = "Stamp", factor = 0.02 }', 1))
     np.testing.assert_allclose(np.diff(read_table(path, own).t_ns), 1e8)
+
+
+@pytest.mark.parametrize(("coolant", "intake"), [(87.0, 70.0), (189.0, 104.0)])
+@pytest.mark.parametrize("names", ["Coolant_Temperature,Intake_Air_Temp", "CLT,IAT"])
+def test_temperatures_without_a_unit_have_one_setting(
+    proposed: Proposed, names: str, coolant: float, intake: float
+) -> None:
+    table, _ = proposed(
+        f"Time (s),RPM,{names}\n"
+        + rows(lambda i: f"{i / 10},{RPM[i]},{coolant + 0.01 * i},{intake + 0.01 * i}")
+    )
+    said = [values(table, f"{n}_temperature_degc")[0] for n in ("coolant", "manifold")]
+    celsius = [(each - 32.0) / 1.8 if coolant > 150.0 else each for each in (coolant, intake)]
+    assert said == pytest.approx(celsius)

@@ -222,6 +222,14 @@ def test_uneven_repeated_and_paused_times(tmp_path: Path) -> None:
     }
 
 
+def test_a_log_of_an_engine_that_stands_says_which_columns_are_zero(tmp_path: Path) -> None:
+    path, profile = tmp_path / "still.csv", tmp_path / "own.toml"
+    path.write_text("Time,Speed\n0.0,0\n0.1,0\n0.2,0\n")
+    profile.write_text('time = "Time"\n[signals]\nengine_speed_rpm = "Speed"\n')
+    with pytest.raises(RecordingError, match="blank, or 0 throughout: Speed; none other is known"):
+        read_table(path, profile)
+
+
 @pytest.mark.parametrize(("step_s", "period_s"), [(0.02, 0.1), (0.198, 0.2), (1.0, 1.0)])
 def test_a_slow_uneven_log_has_its_own_grid(tmp_path: Path, step_s: float, period_s: float) -> None:
     t_s = step_s * np.arange(50) + 0.05 * step_s * (np.arange(50) % 2)

@@ -109,6 +109,19 @@ def test_the_time_of_an_epoch_clock_does_not_matter() -> None:
     assert list(early.lines()) == list(late.lines())
 
 
+def test_a_clock_that_falls_back_changes_neither_rate_nor_verdict() -> None:
+    # GIVEN a log whose clock was set back between two frames, as replay reads it
+    sent, later_ns = ecu(), 20_000_000_000
+    fallen = [f._replace(t_ns=f.t_ns + later_ns * (i < len(sent) // 3)) for i, f in enumerate(sent)]
+    # WHEN it is checked
+    result, calm = check(fallen, OWN), check(sent, OWN)
+    # THEN no signal has stopped, and no frame is counted that was not there
+    assert {s.verdict(result.end_ns) for s in result.signals} == {"plausible"}
+    assert result.frames == calm.frames
+    rates = [[s.rate_hz for s in each.signals] for each in (result, calm)]
+    assert rates[0] == pytest.approx(rates[1], rel=0.01)
+
+
 def test_a_derived_signal_is_there_when_all_it_is_made_of_is() -> None:
     result = check(ecu(RUSEFI), RUSEFI)
     assert "fuel_mass_mg" in result.derived
