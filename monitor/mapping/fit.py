@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import dropwhile, pairwise
-from math import inf
+from operator import attrgetter
 from textwrap import shorten
 from typing import Any, Final
 
@@ -21,13 +21,11 @@ from monitor.base.types import FloatArray
 from monitor.frames.units import UNITS, Unit, conversion, unit_of
 from monitor.mapping.vocabulary import (
     GASOLINE_KG_L,
-    KNOWN,
-    NOISE,
     OTHER,
     QUANTITIES,
     STOICHIOMETRIC,
-    VARYING,
     VOCABULARY,
+    WORDS,
     MapQuantity,
     match,
     words_of,
@@ -40,25 +38,17 @@ OTHER_NAME: Final = 0.4  # after one of name, unit or values: no rival
 ANY: Final = (-1e30, 1e30)  # range of a float
 FEW: Final = 20  # values that say nothing
 MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond has another unit
-ELECTRIC: Final = {  # what an electric car has, too, where its range reaches beyond
-    **dict.fromkeys(("fuel_cut", "coolant_temperature_degc", "engine_torque_nm"), 0.0),
-    "battery_voltage_v": 60.0,
-}
 TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
 MOST_RPM: Final = 20_000.0  # few engines' signals reach so high
 SEVERAL: Final = frozenset({"flow", "mass", "torque", "speed"})  # whose values suit several units
 UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
-    "pressure": [
-        (text, UNITS[text.lower()]) for text in ("kPa", "MPa", "bar", "hPa", "psi", "inHg")
-    ],
+    "pressure": [(t, UNITS[t.lower()]) for t in ("kPa", "MPa", "bar", "hPa", "psi", "inHg")],
     "temperature": [(text, UNITS[text.lower()]) for text in ("°C", "°F")],
     "share": [("", UNITS["%"]), ("", Unit("share", 100.0))],
     "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICHIOMETRIC))],
 }
-_SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
-_BARE: Final = frozenset(VOCABULARY["words"]["bare"].split())
-_CONTRARY: Final = frozenset(VOCABULARY["words"]["contrary"].split())
+_SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +64,6 @@ class Description:
     step: float = 0.0
     choices: Mapping[int, str] = field(default_factory=dict)
     values: FloatArray | None = None  # of a recording, in ``unit``
-    has_engine: bool = True  # the file has signals of an engine
 
     @property
     def span(self) -> tuple[float, float]:
@@ -108,8 +97,8 @@ class QuantityFit:
 
     def judged(self, why: str, weight: float = 1.0, **more: Any) -> "QuantityFit":
         """Return the fit with one more reason, its confidence times ``weight``."""
-        why_all = (*self.why, why) if why else self.why
-        return replace(self, confidence=min(1.0, self.confidence * weight), why=why_all, **more)
+        confidence = min(1.0, self.confidence * weight)
+        return replace(self, confidence=confidence, why=(*self.why, why), **more)
 
     def doubted(self, why: str, weight: float = DOUBTED) -> "QuantityFit":
         """Return the fit with one more doubt."""
@@ -134,7 +123,7 @@ def fit_of(name: str, d: Description, *, is_named: bool = False) -> QuantityFit 
     read = _readings(quantity, d, named) if named else ()
     ranged = (_by_range(quantity, d, each) for each in read)
     judged = (_by_values(quantity, d, each) for each in ranged if each)
-    return max(judged, key=lambda f: (f.confidence, _is_usual(quantity, f, d)), default=None)
+    return max(judged, key=attrgetter("confidence"), default=None)
 
 
 def _by_name(quantity: MapQuantity, d: Description) -> QuantityFit | None:
@@ -149,8 +138,7 @@ def _by_name(quantity: MapQuantity, d: Description) -> QuantityFit | None:
             sure, why = ASSUMED * both, f"its name and message say {d.message} {d.name}"
     unit = unit_of(d.unit, STOICHIOMETRIC) if quantity.name == "lambda_measured" else None
     if unit and unit.quantity == "lambda" and unit.factor != 1.0:  # no other sensor has this unit
-        named = [w for w in words if w not in NOISE and len(w) > 1 and not w.isdigit()]
-        rest = [w for w in rest if w in KNOWN or len(w) > 2] if sure else named
+        rest = [w for w in (rest if sure else words) if len(w) > 2 and w not in WORDS["noise"]]
         sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
     if not sure:
         return None
@@ -164,17 +152,17 @@ def _doubts(
     quantity: MapQuantity, d: Description, words: tuple[str, ...], rest: list[str]
 ) -> Iterator[str]:
     """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
-    first, of_message = next(iter(words), ""), words_of(d.message)
-    if rest[:1] == [first] and len(first) <= _PREFIX_LETTERS and first not in OTHER:
-        is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not _BARE.issuperset(words[1:])
-        if is_apart or first in of_message:  # an ECU's, which says nothing
-            rest = [*dropwhile(str.isdigit, rest[1:])]
+    first = next(iter(words), "")[:_PREFIX_LETTERS]  # perhaps an ECU's, which says nothing
+    is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and rest[:1] == [first]
+    if is_apart and first not in OTHER and not WORDS["bare"].issuperset(words[1:]):
+        rest = [*dropwhile(str.isdigit, rest[1:])]
     told = quantity.also.union(*(text.split("/") for text in _own_units(quantity, words)))
     yield from [f"its name says {word!r}, too" for word in rest if word not in told][:1]
-    said = f"{d.name} {d.message} {' '.join(of_message)} / {' '.join(words)} / {d.unit}".lower()
+    texts = f"{d.name} {d.message}", *map(" ".join, (words_of(d.message), words)), d.unit
+    said = "{} {} / {} / {}".format(*texts).lower()
     for row in VOCABULARY["doubts"]:
         is_meant = quantity.name in row.get("of", quantity.name)
-        found = re.search(row["says"].replace("{bare}", "|".join(_BARE)), said)
+        found = re.search(row["says"].replace("{bare}", "|".join(WORDS["bare"])), said)
         if is_meant and found and found[1] not in quantity.also:
             yield row["why"].format(found[1])
 
@@ -195,7 +183,9 @@ def _of_one_sensor(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Q
 
 def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:
     """Yield the fit with each way to the canonical unit; a stated unit is a constraint."""
-    kind, (word, unit) = quantity.unit.quantity, _said_unit(quantity, d)
+    kind, unit = quantity.unit.quantity, unit_of(d.unit, STOICHIOMETRIC)
+    said = _own_units(quantity, words_of(d.name)) if d.unit in ("", "-") else {}
+    word, unit = next(iter(said.items()), ("", unit))
     if unit is None and d.unit:
         yield fit.doubted(f"its unit {d.unit!r} is not known", OTHER_NAME)
     elif quantity.is_flag:
@@ -214,14 +204,6 @@ def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterat
         why = f"its unit is {word or d.unit}{afr}"
         named = word if unit != quantity.unit else ""
         yield fit.judged(why, factor=factor, offset=offset, unit=named)
-        yield from _assumed(quantity, d, fit) if word and kind == "lambda" else ()
-
-
-def _said_unit(quantity: MapQuantity, d: Description) -> tuple[str, Unit | None]:
-    """Return the unit that is stated, else one that the name says, and its words."""
-    unit = unit_of(d.unit, STOICHIOMETRIC)
-    words = words_of(d.name) if not d.unit or unit == UNITS["-"] else ()
-    return next(iter(_own_units(quantity, words).items()), ("", unit))
 
 
 def _own_units(quantity: MapQuantity, words: tuple[str, ...]) -> dict[str, Unit]:
@@ -273,7 +255,7 @@ def _middle(fit: QuantityFit, d: Description) -> float:
 def _flag(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:
     """Return the fit of a flag, which is turned round where 1 stands for the contrary."""
     rest = match(quantity.phrases, words_of(d.name) + words_of(d.message))[1]
-    if _CONTRARY & {d.choices.get(1, ""), *set(rest).intersection(words_of(d.name))}:
+    if WORDS["contrary"] & {d.choices.get(1, ""), *set(rest).intersection(words_of(d.name))}:
         fit = fit.judged("turned round", 0.8, factor=-1.0, offset=1.0)
     many = d.span[1] > 1.0 and d.carried[1] > 3.0 and not d.choices
     return fit.doubted("more than two values without a meaning") if many else fit
@@ -296,8 +278,6 @@ def _by_range(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quanti
     carried, stated = (
         sorted(end * fit.factor + fit.offset for end in ends) for ends in (d.carried, d.stated)
     )
-    if not d.has_engine and stated[1] > ELECTRIC.get(quantity.name, inf):
-        fit = fit.doubted("perhaps of an electric car: nothing says that there is an engine")
     if quantity.is_flag or fit.is_phi:
         return fit
     if not carried[0] <= low < high <= carried[1] or step > (high - low) / 3:
@@ -307,8 +287,8 @@ def _by_range(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quanti
     if not stated[0] <= low < high <= stated[1]:
         span = f"{plain(stated[0], 6)} to {plain(stated[1], 6)}"
         fit = fit.doubted(f"its range {span} does not hold {low:g} to {high:g}")
-    of_signed_type = np.isclose(sum(d.stated), -d.step)
-    if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0 and not of_signed_type:
+    is_signed = np.isclose(sum(d.stated), -d.step)  # by its type
+    if quantity.unit == UNITS["kpa"] and ANY[0] < d.stated[0] < 0.0 and not is_signed:
         fit = fit.doubted(f"its range begins at {plain(stated[0], 6)} kPa: a gauge pressure?")
     return fit
 
@@ -325,11 +305,11 @@ def _by_values(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quant
         return fit.doubted(f"implausible in the recording: {seen}", OTHER_NAME)
     fit = fit.judged(f"in the recording {plain(inside.min())} to {plain(inside.max())}")
     moves, middle = np.ptp(inside) > 0.0, float(np.median(inside))
-    if quantity.name in VARYING and len(inside) >= FEW:
+    if quantity.name in WORDS["varying"] and len(inside) >= FEW:
         low, high = quantity.usual
         if not moves or not low <= middle <= high:
             fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
             return fit.doubted(
                 f"unusual: its median is {plain(middle)}{fuel}" if moves else "never moves"
             )
-    return fit.judged("", 1.05) if moves else fit
+    return fit

@@ -30,7 +30,7 @@ from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
 from monitor.mapping.fit import SEVERAL, SURE, Description, QuantityFit, fit_of
 from monitor.mapping.proposal import Entry, SignalCandidate, entries, propose, toml
-from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, VARYING, match, words_of
+from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, WORDS, match, words_of
 from monitor.report.check_table import TableCheck
 
 _ENOUGH: Final = 6  # columns to know a logger by
@@ -78,7 +78,7 @@ def unusual(check: TableCheck) -> Iterator[str]:
         middle = float(np.median(values)) if len(values) else np.nan
         (low, high), kind = QUANTITIES[name].usual, QUANTITIES[name].unit.quantity
         is_above = middle > high and kind in ("temperature", "lambda")
-        if is_above or (middle < low and name in VARYING):
+        if is_above or (middle < low and name in WORDS["varying"]):
             told = f"{plain(middle)} is unusual for an engine that runs"
             yield f"note: {name}: a median of {told}, {low:g} to {high:g} is usual: another unit?"
 
@@ -110,13 +110,12 @@ def _candidates(
             continue
         for name, source in (known[each] for each in keys_of(column.name) if each in known):
             own = _known(name, source, column, values, setting.get(name, ""))
-            if own and (name not in VARYING or np.nanmax(values) > np.nanmin(values)):
+            if own and (name not in WORDS["varying"] or np.nanmax(values) > np.nanmin(values)):
                 is_plain = (own.factor, own.offset) == (1.0, 0.0)  # no gauge
                 sure = QuantityFit(1.0 if is_plain else SURE, ("its name is known",))
                 order = "AFR" in own.units, i  # lambda itself before what a gauge makes of it
-                found[name].append(
-                    SignalCandidate(name, column.name, sure, _entry(own), order, True)
-                )
+                fitting = SignalCandidate(name, column.name, sure, _entry(own), order, True)
+                found[name].append(fitting)
         for text in dict.fromkeys(_words(raw, each) for each in (column.name, *column.others)):
             stated = stated_unit(column, STOICHIOMETRIC)
             for name in BY_NAME.keys() & QUANTITIES.keys():

@@ -54,19 +54,17 @@ class Proposal:
 
 def propose(candidates: Mapping[str, Iterable[SignalCandidate]]) -> dict[str, Proposal]:
     """Return a proposal for each name; no place is taken twice."""
-    rank = attrgetter("rank")
-    bests_of = (  # of each place the likeliest
-        (name, {c.place: c for c in sorted(each, key=rank, reverse=True)}.values())
-        for name, each in candidates.items()
-    )
-    ranked = {name: sorted(each, key=rank) for name, each in bests_of}
-    notes = {name: _note(name, each) for name, each in ranked.items()}
+    rank, ranked = attrgetter("rank"), dict[str, list[SignalCandidate]]()
+    for name, each in candidates.items():
+        likeliest = {c.place: c for c in sorted(each, key=rank, reverse=True)}  # of each place
+        ranked[name] = sorted(likeliest.values(), key=rank)
+    notes = {name: _note(name, ranked[name]) for name in ranked}
     bests = [ranked[name][0] for name in ranked if not notes[name]]
     taken: dict[str, str] = {}  # by place
-    for each in sorted(bests, key=lambda c: (-c.fit.confidence, not c.is_known, c.name)):
-        if taken.setdefault(each.place, each.name) != each.name:
-            notes[each.name] = f"{each.place} is taken for another signal"
-    return {name: Proposal(name, each, notes[name]) for name, each in ranked.items()}
+    for best in sorted(bests, key=lambda c: (-c.fit.confidence, not c.is_known, c.name)):
+        if taken.setdefault(best.place, best.name) != best.name:
+            notes[best.name] = f"{best.place} is taken for another signal"
+    return {name: Proposal(name, ranked[name], notes[name]) for name in ranked}
 
 
 def _note(name: str, ranked: Sequence[SignalCandidate]) -> str:

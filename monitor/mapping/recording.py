@@ -1,14 +1,16 @@
-"""The evidence of a recording: the values of candidates, and what guards their messages."""
+"""The signals of a database that can be mapped, and what a recording shows of them."""
 
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
 from itertools import compress, islice
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from cantools.database.can import Database
+from cantools.database.can import Database, Message, Signal
 
-from monitor.base.types import FrameBlock
+from monitor.base.errors import SignalMapError
+from monitor.base.types import FloatArray, FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.checksum import ALGORITHMS, payload_checksums
@@ -17,12 +19,29 @@ from monitor.decode.payloads import Fields
 from monitor.decode.plan import Plan
 from monitor.decode.raw_values import bit_position, last_byte
 from monitor.decode.signal_map import Integrity, MappedSignal
+from monitor.decode.soundness import check_message, check_signal
 from monitor.frames.blocks import joined
-from monitor.mapping.candidates import Observed, mappable
 from monitor.mapping.fit import FEW
 
 BLOCKS: Final = 64  # of a million frames and more
 NEARLY_ALL: Final = 0.95  # of the frames in which a counter counts or a checksum holds
+
+# values in the database's unit, and how far apart they are in s: 95 % are closer; None of few
+Observed = tuple[FloatArray | None, float | None]
+
+
+def mappable(database: Database) -> Iterator[tuple[str, Message, Signal]]:
+    """Yield the signals with which a map can be loaded, behind message and name."""
+    for message in database.messages:
+        names = Counter(signal.name for signal in message.signals)  # alike: not told apart
+        for signal in message.signals:
+            try:
+                check_message(Path(), message)
+                check_signal(Path(), message, signal.name)
+            except SignalMapError:
+                continue
+            if names[signal.name] == 1 and not signal.is_multiplexer and signal.length <= 64:
+                yield f"{message.name}.{signal.name}", message, signal
 
 
 class ShownSignals:
@@ -32,23 +51,16 @@ class ShownSignals:
     """
 
     def __init__(
-        self, blocks: Iterable[FrameBlock], places: Collection[str], dbc: Path, database: Database
+        self, blocks: Iterable[FrameBlock], places: Collection[str], database: Database
     ) -> None:
-        channels = {
-            place: BusChannel(
-                mapped=MappedSignal(place, message.name, signal.name),
-                message=message,
-                signal=signal,
-                integrity=Integrity(),
-                dbc=dbc,
-                map_path=dbc,
-                any_source=is_any_source(message, database),
-            )
-            for place, message, signal in mappable(database)
-            if place in places
-        }
+        channels, no_file = dict[str, BusChannel](), Path()
+        for place, message, signal in mappable(database):
+            if place in places:
+                mapped = MappedSignal(place, message.name, signal.name)
+                parts = mapped, message, signal, Integrity(), no_file, no_file
+                channels[place] = BusChannel(*parts, any_source=is_any_source(message, database))
         names = tuple(channels)
-        decoder = BlockDecoder(BusMap(((dbc, dbc),), channels, {}, names), names)
+        decoder = BlockDecoder(BusMap((), channels, {}, names), names)
         block = joined(list(islice(blocks, BLOCKS)))
         t_s = (block.t_ns - block.t_ns[:1]) / 1e9
         self._block, self._channels = block, channels

@@ -18,19 +18,17 @@ VOCABULARY: Final = tomllib.loads(
 STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
 FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"  # not canonical: fuel per stroke follows from it
 GASOLINE_KG_L: Final = 0.745
-VARYING: Final = frozenset(VOCABULARY["words"]["varying"].split())  # while an engine runs
-NOISE: Final = frozenset(VOCABULARY["words"]["noise"].split())  # tell no signal from another
+WORDS: Final = {name: frozenset(text.split()) for name, text in VOCABULARY["words"].items()}
 _STEMS: Final = {name: stems.split() for name, stems in VOCABULARY["concepts"].items()}
 _CONCEPTS_OF: Final[dict[str, set[str]]] = {}
 for _concept, _stems in _STEMS.items():
     for _stem in _stems:
         _CONCEPTS_OF.setdefault(_stem.rstrip("*"), set()).add(_concept)
-KNOWN: Final = frozenset(_CONCEPTS_OF)
 OTHER: Final = frozenset(word for word, of in _CONCEPTS_OF.items() if of & {"other", "target"})
 _FULL: Final = 4  # letters of a word whose ending may be any of as many
 _PARTS: Final = {  # words that may fill a longer one
     *(stem[:-1] for stems in _STEMS.values() for stem in stems if stem.endswith("*")),
-    *(word for word in (*NOISE, *_CONCEPTS_OF) if len(word) >= _FULL and word[0] != "="),
+    *(word for word in (*WORDS["noise"], *_CONCEPTS_OF) if len(word) >= _FULL and word[0] != "="),
 }
 _STEM: Final = re.compile(
     "|".join(sorted((p for p in _PARTS if len(p) > 2 or not p.isascii()), key=len)[::-1])
@@ -40,10 +38,7 @@ _COMPOUND: Final = re.compile(
     rf"(?:(?:{_STEM.pattern})(?:s|n|en|es)?)+"
     rf"|(?={_LETTER}{{{_FULL}}})(?:{_STEM.pattern}){_LETTER}{{0,{_FULL}}}"
 )
-_SPELLINGS: Final = str.maketrans(
-    dict(zip("äöüßÄÖÜłŁı", ("ae", "oe", "ue", "ss", "Ae", "Oe", "Ue", "l", "L", "i"), strict=True))
-    | {"λ": " lambda ", "φ": " phi "}
-)
+_LETTERS: Final = str.maketrans(VOCABULARY["letters"])
 _UPPER, _LOWER = "[A-ZА-Я]", r"[^\W\d_A-ZА-Я]"  # of any script
 _PART: Final = re.compile(
     rf"(?:(?:h|wb)?o2s?\d{{0,2}}|[khM]Pa|inHg|mmHg|mBar)(?![a-z])|{_UPPER}+(?={_UPPER}{_LOWER})"
@@ -60,12 +55,11 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("O2SensorB1S1")
     ('o2', 'sensor', 'b1', 's1')
     """
-    # J1939's speed over ground; OBD's number of a value; an article; a device behind its signal
-    text = re.sub(r"(?i)wheel_?based|(?<![a-z])(?:pid_?[0-9a-f]{1,2}_|[dl]['’])|\\.*", "", name)
-    text = re.sub(r"(?i)\ba/f\b|air[ _/-]?fuel", " afr ", text)
-    text = unicodedata.normalize("NFKD", text.translate(_SPELLINGS))
+    text = name
+    for pattern, instead in VOCABULARY["spellings"]:
+        text = re.sub(pattern, instead, text)
+    text = unicodedata.normalize("NFKD", text.translate(_LETTERS))
     text = "".join(letter for letter in text if not unicodedata.combining(letter))
-    text = re.sub(r"(?i)(?<![a-z])((?:h|wb)?o2s?)", lambda m: " " + m[1].lower(), text)
     words: list[str] = []
     for part in _PART.findall(text):
         word = part.lower()
@@ -82,7 +76,7 @@ def _filled(word: str) -> tuple[str, ...]:
     >>> _filled("motordrehzahl"), _filled("trailer")
     (('motor', 'drehzahl'), ('trailer',))
     """
-    if word in _CONCEPTS_OF or word in NOISE or not _COMPOUND.fullmatch(word):
+    if word in _CONCEPTS_OF or word in WORDS["noise"] or not _COMPOUND.fullmatch(word):
         return (word,)
     return tuple(_STEM.findall(word))
 
@@ -109,7 +103,7 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
         if not concepts <= known:
             continue
         rest = [] if concepts & of_whole else [w for w in words if not here[w] & concepts]
-        rest = [w for w in rest if not (w in NOISE or (w.isdigit() and int(w) <= 1))]
+        rest = [w for w in rest if not (w in WORDS["noise"] or (w.isdigit() and int(w) <= 1))]
         sure = weight * (1.0 - 0.35 * len(rest) / len(words))
         if (not rest, sure) > (best[0] > 0.0 and not best[1], best[0]):  # none left over, if any
             best = sure, rest
