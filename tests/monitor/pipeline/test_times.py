@@ -6,6 +6,7 @@ The long form is the benchmark ``fuzz_times``.
 import random
 from collections.abc import Sequence
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from monitor.base import config
 from monitor.base.types import FrameBlock
 from monitor.decode.block_decoder import BlockDecoder
 from monitor.frames.blocks import chosen, joined
+from monitor.grid import time_walk, timeline
 from monitor.grid.timeline import Timeline
 from monitor.pipeline import replay
 from tests.helpers.logs.batch_logs import MS
@@ -105,6 +107,16 @@ def test_stretches_in_another_order_set_no_code(cuts: list[int], chance: random.
     chance.shuffle(stretches)
     found = replayed(joined([*stretches, chosen(DRIVE, slice(4000, None))]), SETUP)
     assert (found.codes, found.cycles) == ((), 0)
+
+
+@pytest.mark.parametrize("size", [97, 1000])
+def test_a_clock_that_stepped_long_ago_is_still_reckoned_with(size: int) -> None:
+    # GIVEN steps and a wrong stamp, and behind them more frames than the timeline holds back
+    spoilt = later(later(later(DRIVE, 2000, -3600.0), 4000, 59.0), 6000, 4.0, n=1)
+    with patch.object(timeline, "KEPT", 300), patch.object(time_walk, "KEPT", 300):
+        found = replayed(spoilt, SETUP, size)
+    assert (found.codes, found.cycles, counts(found)) == ((), 0, (2, 0, 1))
+    assert found.judged["samples"] == UNTOUCHED.judged["samples"]
 
 
 def test_a_log_written_in_batches_of_half_a_second_is_told() -> None:
