@@ -16,7 +16,6 @@ from monitor.decode.plan import Checks, Plan
 
 Verdict = Literal["went on", "missed", "unknown"]
 SURE_BITS: Final = 8  # counters of so many bits together go on by chance in one of 256 pauses
-_USUAL: Final = 256  # frames of a message that tell its period
 
 
 class AliveCounters:
@@ -53,30 +52,16 @@ class AliveCounters:
         return "missed" if n_missed > n_on else "unknown"
 
 
-def usual_period_ns(intervals_ns: IntArray) -> float:
-    """Return the mean of the intervals that no missed frame widens; 0 if times run backwards.
-
-    >>> usual_period_ns(np.array([10, 12, 40])), usual_period_ns(np.array([-10, -20]))
-    (11.0, 0.0)
-    """
-    usual_ns = float(np.median(intervals_ns))
-    return float(intervals_ns[intervals_ns <= 2.0 * usual_ns].mean()) if usual_ns > 0.0 else 0.0
-
-
 class _Counter:
     """The alive counter of one message: ``bits`` of it."""
 
     def __init__(self, plan: Plan, block: FrameBlock) -> None:
         assert plan.counter is not None
-        self.bits, checks = plan.counter.length, Checks([plan])
+        self.bits = plan.counter.length
         mask, wanted = plan.match
-        places = np.flatnonzero((block.key & mask) == wanted)
-        data = block.data[places]
-        sound = np.flatnonzero(checks.fits(block.length[places], [0]) & checks.holds(data, [0]))
-        self._places = places[sound]  # of the sound frames
-        counts = checks.counters.bits(data[sound], [0]).astype(np.int64)
-        # whether the counter rose with each frame since the sound one before
-        self._rose = (np.diff(counts) - np.diff(sound)) % (1 << self.bits) == 0
+        self._places = np.flatnonzero((block.key & mask) == wanted)
+        counts = Checks([plan]).counters.bits(block.data[self._places], [0]).astype(np.int64)
+        self._rose = np.diff(counts) % (1 << self.bits) == 1  # at each frame but the first
 
     def goes_on(self, begin: int, at: int, end: int) -> bool | None:
         """Return whether the counter goes on at the frame ``at``, None if it does not tell.
@@ -97,8 +82,7 @@ class _Counter:
         t_ns : (n,) times of the block's frames; pauses among those before do not count
         """
         first, last = np.searchsorted(self._places, (begin, at)).tolist()
-        intervals_ns = np.diff(t_ns[self._places[max(first, last - _USUAL) : last]])
-        period_ns = usual_period_ns(intervals_ns)
+        period_ns = float(np.median(np.diff(t_ns[self._places[first:last]])))
         if period_ns <= 0.0:
             return False
         n_missing = round(pause_ns / period_ns) % (1 << self.bits)
