@@ -8,7 +8,6 @@ what there is.
 from collections.abc import Collection, Iterator
 from dataclasses import fields, replace
 from importlib.resources import files
-from operator import attrgetter
 from typing import Final
 
 import numpy as np
@@ -45,9 +44,10 @@ def proposed(raw: RawTable) -> str:
     wanted = [Wanted(i) for i in range(len(raw.columns))]
     cells = next(iter(raw.read(wanted, Notes())), np.empty((0, len(wanted))))
     candidates = _candidates(raw, cells)
-    coolant = min(candidates["coolant_temperature_degc"], key=attrgetter("rank"), default=None)
-    if coolant and not coolant.fit.doubt and isinstance(coolant.entry, dict):
-        candidates = _candidates(raw, cells, coolant.entry.get("unit", ""))  # one setting for all
+    coolant = propose(candidates)["coolant_temperature_degc"].best
+    setting = coolant.entry.get("unit") if coolant and isinstance(coolant.entry, dict) else None
+    if isinstance(setting, str):  # one for all; of several the file states which
+        candidates = _candidates(raw, cells, setting)
     looks = {c.place for each in candidates.values() for c in each if not c.fit.doubt}
     times = _time_columns(raw, cells, looks)
     others = {name: [c for c in each if c.place not in times] for name, each in candidates.items()}

@@ -67,9 +67,13 @@ def column(table: Table, name: str) -> np.ndarray:
     return table.values[:, table.names.index(name)]
 
 
-def test_a_tunerstudio_log_becomes_canonical_signals(tmp_path: Path) -> None:
-    table = read_table(msl(tmp_path / "drive.msl"))
-    assert table.profile == "megasquirt"
+@pytest.mark.parametrize("is_proposed", [False, True])
+def test_a_tunerstudio_log_becomes_canonical_signals(tmp_path: Path, is_proposed: bool) -> None:
+    path = msl(tmp_path / "drive.msl")
+    if is_proposed:  # one beside a log is taken
+        (tmp_path / "own.toml").write_text(proposed(open_table(path)))
+    table = read_table(path)
+    assert table.profile == ("own" if is_proposed else "megasquirt")
     for name, wanted in (
         ("lambda_measured", LAMBDA),
         ("coolant_temperature_degc", D["clt_c"]),
