@@ -172,9 +172,8 @@ def _of_one_sensor(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Q
     texts = [(text, " ".join(words_of(text))) for text in (d.message, d.name, d.comment)]
     for text, words in texts:
         if found := _SAYS["other_sensor"].search(_SAYS["upstream"].sub("", words)):
-            said = shorten(text, 60, placeholder="...")
-            why = f"{said} says {found[0]!r}: not the upstream sensor of bank 1?"
-            return fit.doubted(why, OTHER_NAME)
+            why = f"says {found[0]!r}: not the upstream sensor of bank 1?"
+            return fit.doubted(f"{shorten(text, 60, placeholder='...')} {why}", OTHER_NAME)
     if any(_SAYS["upstream"].search(words) for _, words in texts):
         return fit.judged("it is said to be upstream", 1.1, is_upstream=True)
     is_said = quantity.name != "lambda_measured"
@@ -304,12 +303,11 @@ def _by_values(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quant
         seen = f"{plain(values.min())} to {plain(values.max())}" if len(values) else "no value"
         return fit.doubted(f"implausible in the recording: {seen}", OTHER_NAME)
     fit = fit.judged(f"in the recording {plain(inside.min())} to {plain(inside.max())}")
-    moves, middle = np.ptp(inside) > 0.0, float(np.median(inside))
-    if quantity.name in WORDS["varying"] and len(inside) >= FEW:
-        low, high = quantity.usual
-        if not moves or not low <= middle <= high:
-            fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
-            return fit.doubted(
-                f"unusual: its median is {plain(middle)}{fuel}" if moves else "never moves"
-            )
-    return fit
+    if quantity.name not in WORDS["varying"] or len(inside) < FEW:
+        return fit
+    if np.ptp(inside) == 0.0:
+        return fit.doubted("never moves")
+    (low, high), middle = quantity.usual, float(np.median(inside))
+    fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
+    odd = f"unusual: its median is {plain(middle)}{fuel}"
+    return fit if low <= middle <= high else fit.doubted(odd)

@@ -150,13 +150,10 @@ def _timeout_s(message: Message, interval_s: float | None, cycle_ms: float) -> f
 
 def _described(message: Message, signal: Signal, values: FloatArray | None) -> Description:
     """Return what a database says about a signal."""
-    carried = ANY
-    if not signal.is_float:
-        least = -(1 << (signal.length - 1)) if signal.is_signed else 0
-        raw = least, least + (1 << signal.length) - 1
-        low, high = sorted(float(each) * float(signal.scale) + float(signal.offset) for each in raw)
-        carried = low, high
-    stated = carried
+    least = -(1 << (signal.length - 1)) if signal.is_signed else 0
+    raw = least, least + (1 << signal.length) - 1
+    low, high = sorted(float(each) * float(signal.scale) + float(signal.offset) for each in raw)
+    carried = stated = ANY if signal.is_float else (low, high)
     if signal.minimum is not None and signal.maximum is not None:
         low, high = float(signal.minimum), float(signal.maximum)
         # as an editor fills the range in: that of a number of bits

@@ -97,17 +97,15 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
     """
     of_whole = _CONCEPTS_OF.get("=" + "".join(words), set())
     here = {word: _CONCEPTS_OF.get(word, set()) for word in words}
-    known, best = of_whole.union(*here.values()), (0.0, list[str]())
+    known, found = of_whole.union(*here.values()), list[tuple[float, list[str]]]()
     for phrase, weight in phrases.items():
         concepts = set(phrase.split())
         if not concepts <= known:
             continue
         rest = [] if concepts & of_whole else [w for w in words if not here[w] & concepts]
         rest = [w for w in rest if not (w in WORDS["noise"] or (w.isdigit() and int(w) <= 1))]
-        sure = weight * (1.0 - 0.35 * len(rest) / len(words))
-        if (not rest, sure) > (best[0] > 0.0 and not best[1], best[0]):  # none left over, if any
-            best = sure, rest
-    return best
+        found.append((weight * (1.0 - 0.35 * len(rest) / len(words)), rest))
+    return max(found, key=lambda each: (not each[1], each[0]), default=(0.0, []))  # none left over
 
 
 @dataclass(frozen=True, slots=True)
