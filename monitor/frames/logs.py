@@ -26,7 +26,14 @@ from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
 from monitor.frames.tables.readers import reason, suffix_of
 from monitor.frames.text import candump
-from monitor.frames.text.layouts import LAYOUTS, UNREAD, LayoutFound, frames_of_lines, layout_of
+from monitor.frames.text.layouts import (
+    CANDUMP,
+    LAYOUTS,
+    UNREAD,
+    LayoutFound,
+    frames_of_lines,
+    layout_of,
+)
 
 if TYPE_CHECKING:
     import can
@@ -149,22 +156,15 @@ def _blocks(
 ) -> Iterator[FrameBlock]:
     found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path, kind)
     is_plain = found.encoding in ("utf-8", "cp1252")
-    if found.layout or (kind == ".log" and not is_plain):
+    if found.layout and not (found.layout is CANDUMP and is_plain):
         with open_text(path, found.encoding, errors="replace") as text:
             yield from channels.blocks_of(frames_of_lines(text, found, counters))
-    elif kind in _READERS or found.is_candump:
-        _keep_freed_memory()
+    elif kind in _READERS or found.layout:
+        # freeing a large block that was never touched lets glibc keep memory for the next chunk,
+        # instead of mapping it page by page: mallopt(3), M_MMAP_THRESHOLD; 10 % of the time
+        np.empty(_LARGEST_BLOCK, dtype=np.uint8)
         with open_binary(path) as file:
             yield from _READERS.get(kind, candump.read_blocks)(file, counters, channels)
     else:
         raise ValueError(f"its first lines are those of no CAN log; known are {_TOOLS}")
     channels.finish()
-
-
-def _keep_freed_memory() -> None:
-    """Let glibc keep freed memory for the next chunk, instead of mapping it page by page again.
-
-    Freeing a large mapped block raises the limit up to which glibc keeps memory: mallopt(3),
-    M_MMAP_THRESHOLD. The block is never touched. This saves 10 % of the time of candump and BLF.
-    """
-    np.empty(_LARGEST_BLOCK, dtype=np.uint8)

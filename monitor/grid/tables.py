@@ -45,8 +45,7 @@ def is_table(path: str | Path) -> bool:
     if suffix_of(path) not in TEXT:
         return suffix_of(path) in SUFFIXES
     try:
-        found = layout_of(path)
-        return found.layout is None and not found.is_candump
+        return layout_of(path).layout is None
     except RecordingError:  # a log of a tool that is not read
         return False
     except (OSError, EOFError, ValueError):

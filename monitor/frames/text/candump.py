@@ -16,8 +16,6 @@ from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 from monitor.frames import swar
 from monitor.frames.blocks import (
     EXTENDED,
-    LATEST_S,
-    MAX_BYTES,
     LogCounters,
     block_of,
     chosen,
@@ -25,12 +23,13 @@ from monitor.frames.blocks import (
     widened,
 )
 from monitor.frames.channels import Channels
+from monitor.frames.text.layouts import frame_of_line
 from monitor.frames.text.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
 
 Keys = NDArray[np.uint32]
 
 WANTED: Final = "'(seconds) channel id#data' is wanted"
-ERROR_FLAG: Final = 0x20000000  # of an identifier
+_ERROR_FLAG: Final = 0x20000000  # of an identifier
 _SPACE, _HASH, _NEWLINE, _OPEN = b" #\n("
 _LAST_MARK: Final = _HASH  # every other character of a plain line is higher
 _SPARE: Final = 5  # marks added after the last line, for lines with too few marks
@@ -131,31 +130,6 @@ def _understood(
         is_data[list(odd)] = True
     rows = np.append(is_data, np.zeros(len(lines.plain) - n, dtype=np.bool_))
     return rows, chosen(block, is_data), error
-
-
-def frame_of_line(line: str) -> Frame | None:
-    """Return the data frame of a line, None for an error frame or a remote frame.
-
-    Raises ValueError if the line has another format.
-
-    >>> frame_of_line("(2) vcan0 7FF##1AABB")
-    Frame(t_ns=2000000000, can_id=2047, is_extended=False, data=b'\\xaa\\xbb')
-    """
-    stamp, _, content = line.split(maxsplit=3)[:3]
-    identifier, mark, data = content.partition("#")
-    number = int(identifier, 16)
-    if not mark or stamp[0] != "(" or stamp[-1] != ")":
-        raise ValueError("not a candump line")
-    if number & ERROR_FLAG or data[:1] in ("R", "r"):
-        return None
-    seconds = float(stamp[1:-1])
-    # CAN FD: ##, flag digit, data; behind classic data _ and a length code above 8
-    data = data[2:] if data[:1] == "#" else data.partition("_")[0]
-    payload = bytes.fromhex(data.replace(".", ""))
-    if not -LATEST_S < seconds < LATEST_S or len(payload) > MAX_BYTES:
-        raise ValueError("no CAN frame")
-    t_ns = round(seconds * 1e6) * 1000
-    return Frame(t_ns, number & 0x1FFFFFFF, len(identifier) > 3, payload)
 
 
 def parse_lines(text: Bytes) -> Lines:
@@ -272,7 +246,8 @@ def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArra
     value, is_number = swar.hexadecimal(swar.only(words, _IDENTIFIER.take(digits, mode="clip")))
     right &= is_number
     key = value.astype(np.uint32).byteswap()
-    is_error = (key & ERROR_FLAG) != 0
+    right &= key < np.where(is_extended, np.uint32(1 << 30), np.uint32(1 << 11))
+    is_error = (key & _ERROR_FLAG) != 0
     key &= np.uint32(0x1FFFFFFF)
     key |= is_extended * np.uint32(EXTENDED)
     return key, is_error, right

@@ -23,7 +23,6 @@ from monitor.frames.blocks import LATEST_S, MAX_BYTES, CutShortError, LogCounter
 from monitor.frames.bounds import head_of
 from monitor.frames.tables.cells import ColumnClock, clock
 from monitor.frames.tables.dialect import encoding_of, name_and_unit
-from monitor.frames.text.candump import WANTED, frame_of_line
 from monitor.frames.text.lines import CUT_SHORT
 from monitor.frames.units import unit_of
 
@@ -66,6 +65,11 @@ class TextLayout:
         return next(filter(None, (frame.fullmatch(line) for frame in self.frames)), None)
 
 
+def _told_s(text: str) -> float:
+    """Return a number of seconds; 13 digits before its point and more are of ms, µs or ns."""
+    return float(text) * 1e-3 ** max(0, (len(text.partition(".")[0]) - 10) // 3)
+
+
 _ANY: Final = re.IGNORECASE | re.ASCII
 _CELLS: Final = {  # of a line, as the patterns below name them
     "time": r"(?P<time>\d+(?:[.,]\d+)?)",
@@ -77,6 +81,12 @@ _CELLS: Final = {  # of a line, as the patterns below name them
     "length": r"(?P<length>\d+)",
     "data": r"(?P<data>(?:(?:\s+|[;,])(?:0x)?[0-9a-f]{1,3}\b)*)",
 }
+_ROW: Final = (
+    r"(?P<time>\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?|\d{10}\.\d+|\d{13,19}|\d+\.\d{4,})"
+    r"[,; \t]+(?:[RT]X[,; \t]+)?(?:0x)?(?P<id>[0-9a-f]{3,7}|(?P<ext>[0-9a-f]{8}))[,; \t]+"
+    r"(?:(?:\[(?P<length>\d+)\]|(?P<dlc>\d))[,; \t]+)?"
+    r"(?P<data>[0-9a-f]{2}(?:[,; \t]?[0-9a-f]{2})*)(?:[,; \t]+[RT]|[ \t]+<.*)?[,;]*"
+)
 _CONSOLE: Final = "candump on a console"
 _RELATIVE: Final = re.compile(
     r"^base\s+\w+\s+timestamps\s+relative|^\*\*\*RELATIVE MODE", _ANY | re.M
@@ -84,10 +94,8 @@ _RELATIVE: Final = re.compile(
 _DATE: Final = re.compile(
     r"^date +\w+ +(\w{3})\w* +(\d+) +([\d:.]+)( +[ap]m)? +(\d{4})", re.I | re.M
 )
-_PLAIN: Final = re.compile(r"\s*\(\d+\.\d+\) \S+ [0-9A-F]+#")  # a line of candump -L
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
-_MS_SINCE_1970: Final = 1e12  # from 2001 on
 _CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and not every 3000 µs
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
@@ -126,6 +134,14 @@ def _saleae(lines: Iterator[str]) -> Iterator[str]:
             yield " ".join(map(str, row.values()))  # damaged
 
 
+CANDUMP: Final = _layout(  # its error frames have a flag in their identifier
+    "candump -L",
+    r"\A\s*\(\d+\.\d+\) \S+ [0-9A-F]+#",
+    r"\((?P<time>-?[\d.]+(?:e[+-]?\d+)?)\) (?P<channel>\S+) "
+    r"(?:(?P<error>[2367abef][0-9a-f]{7})#\S*|(?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8}))#"
+    r"(?:(?P<remote>r)\S*|(?:#\S?)?(?P<data>(?:[0-9a-f]{2}\.?)*)(?:_\S*)?))(?: .*)?",
+    time_s=float,
+)
 ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
     "Vector ASC",
     r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)",
@@ -245,10 +261,11 @@ LAYOUTS: Final = (
         r"(?P<time>[\d.e-]+) @id(?: @remote)?@data \| (?P<channel>.*)",
         joined=_saleae,
     ),
-    _layout(
+    _layout(  # under no names; a clock, the digits or the years since 1970 tell the unit of time
         "rows of frames",
-        r"^\d+\.\d+,[0-9a-f]{3,8},8(?:,[0-9a-f]{2}){8}(?:,[RT])?$",
-        r"@time,@short,@length@data(?:,[RT])?,*",
+        rf"\A(?:{re.sub(r'[(][?]P<.*?>', '(?:', _ROW)}\s*(?:\n|\Z)){{2}}",
+        _ROW,
+        time_s=_told_s,
     ),
     CSV,
     PEAK,
@@ -296,14 +313,13 @@ UNREAD: Final = tomllib.loads(
 
 
 class LayoutFound(NamedTuple):
-    """The layout of a file: None for a log of candump in this encoding, or an unknown one."""
+    """The layout of a file in this encoding, None for an unknown one."""
 
     layout: TextLayout | None = None
     encoding: str = "utf-8"
     base: int = 16  # of identifiers and data
     deltas: bool = False  # each time is counted from the line before
     start_s: float = 0.0  # of the log, since 1970
-    is_candump: bool = False  # its first line is one of candump -L
 
 
 def layout_of(path: Path, kind: str = "") -> LayoutFound:
@@ -315,8 +331,8 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
     head = head_of(path, _HEAD_BYTES)
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
-    if _PLAIN.match(text):
-        return LayoutFound(encoding=encoding, is_candump=True)
+    if CANDUMP.begins.match(text):
+        return LayoutFound(CANDUMP, encoding)
     text = _COLOURS.sub("", text)
     found = (each for each in LAYOUTS if each.begins.search(text))
     layout = next(found, None) or _table(text)
@@ -324,7 +340,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         if re.search(each["begins"], text, _ANY | re.M):
             told = f"a CAN log, {each['is']}: not read, convert it with {each['converter']}"
             raise RecordingError(told)
-    layout = layout or {".asc": ASC, ".trc": PEAK}.get(kind)
+    layout = layout or {".asc": ASC, ".trc": PEAK, ".log": CANDUMP}.get(kind)
     if layout is PEAK:
         return _peak(text, encoding)
     if layout is not None:
@@ -355,9 +371,8 @@ def _peak(text: str, encoding: str) -> LayoutFound:
 
 def _start_s(text: str) -> float:
     """Return the time of the date in Vector's header, English or German, since 1970; 0 for none."""
-    if (date := _DATE.search(text)) is None:
-        return 0.0
-    start_s = clock("{1}-{0}-{4} {2}{3}".format(*date.groups("")))
+    date = _DATE.search(text)
+    start_s = clock("{1}-{0}-{4} {2}{3}".format(*date.groups(""))) if date else 0.0
     return start_s if start_s > _DAY_S else 0.0
 
 
@@ -406,8 +421,8 @@ def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[
     step = (max(values) - min(values)) / max(1, len(values) - 1)
     if unit and unit.quantity == "time":
         step_s = unit.factor
-    elif values[0] > _MS_SINCE_1970:
-        step_s = 1e-3 ** ((len(times[0]) - 10) // 3)  # ms, µs or ns
+    elif len(times[0].partition(".")[0]) > 12:  # since 1970
+        return _told_s
     elif any(mark in time for time in times for mark in ".,"):
         is_fine = any(re.search(r"[.,]\d{4}", time) for time in times)  # no ms are as fine
         step_s = 1.0 if step < 1.0 or is_fine else 1e-3
@@ -417,10 +432,7 @@ def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[
 
 
 def _id_base(header: str, ids: set[str]) -> int:
-    """Return the base of identifiers, 0 if nothing tells it.
-
-    They are decimal by the tool, or else some were short 29-bit ones.
-    """
+    """Return the base of identifiers, 0 if nothing tells it: 10 by the tool, or by large ones."""
     if not "".join(ids).isdecimal() or re.search(r"\bid\w*[ _]?[(\[_]hex", header, re.I):
         return 16
     is_large = any(int(each, 16) >> 29 or re.fullmatch("1...|20[0-4].", each) for each in ids)
@@ -460,17 +472,16 @@ def frames_of_lines(
     Raises ValueError if too many lines are damaged.
     """
     layout, late_s, before_s = found.layout, 0.0, 0.0
-    for number, raw in enumerate(layout.joined(lines) if layout else lines, 1):
+    assert layout
+    for number, raw in enumerate(layout.joined(lines), 1):
         line = raw.strip("\ufeff\r\n")
         line = _COLOURS.sub("", line) if "\x1b" in line else line
-        if layout and layout.ends_lines and not raw.endswith("\n"):
+        if layout.ends_lines and not raw.endswith("\n"):
             raise CutShortError(CUT_SHORT)
         if not line.strip():
             continue
         try:
-            if layout is None:
-                frame, channel = frame_of_line(line), line.split(maxsplit=2)[1]
-            elif (match := layout.match(line.rstrip())) is None:
+            if (match := layout.match(line.rstrip())) is None:
                 if not layout.other.fullmatch(line.rstrip()):
                     raise ValueError(line)
                 if found.deltas and (time := _TIME.match(line)):
@@ -485,14 +496,26 @@ def frames_of_lines(
                 frame = _frame(groups, before_s, found)
                 channel = groups.get("channel") or ""
         except (ValueError, IndexError):
-            wanted = f"a frame of {layout.tool} is wanted" if layout else WANTED
-            counters.leave_out(number, line, wanted)
+            counters.leave_out(number, line, f"a frame of {layout.tool} is wanted")
             continue
         if frame is None:
             counters.skipped += 1
         else:
             counters.frames += 1
             yield frame, channel
+
+
+def frame_of_line(line: str) -> Frame | None:
+    """Return the data frame of a line of candump, None for an error frame or a remote frame.
+
+    Raises ValueError if the line has another format.
+
+    >>> frame_of_line("(2) vcan0 7FF##1AABB")
+    Frame(t_ns=2000000000, can_id=2047, is_extended=False, data=b'\\xaa\\xbb')
+    """
+    if (match := CANDUMP.match(line)) is None:
+        raise ValueError("not a candump line")
+    return _frame(match.groupdict(), float(match["time"]), LayoutFound(CANDUMP))
 
 
 def _frame(groups: dict[str, str | None], time_s: float, found: LayoutFound) -> Frame | None:
@@ -522,7 +545,7 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
         data = b64decode(packed, validate=True)
     else:
         raw = groups.get("data") or ""
-        text = raw.replace(";", " ").replace(",", " ").replace(":", " ").split()
+        text = re.findall(r"[^\s;,:.]+", raw)
         if len(text) == 1 and len(text[0]) > 3:  # without spaces
             text = re.findall("..", text[0].lower().removeprefix("0x"))
         if _CLASSIC < length < 16:  # a code of CAN FD, if the line has so many bytes

@@ -13,7 +13,7 @@ from monitor.frames.blf.structure import header_of, objects
 from monitor.frames.blocks import LATEST_S, CutShortError, LogCounters
 from monitor.frames.bounds import open_text
 from monitor.frames.logs import frame_of, guarded, read_blocks
-from monitor.frames.text.candump import frame_of_line
+from monitor.frames.text.layouts import frame_of_line
 from monitor.frames.text.lines import CUT_SHORT
 
 Outcome = tuple[list[Frame], LogCounters, str | None]

@@ -17,7 +17,7 @@ from monitor.bus.link.recorder import message_of
 from monitor.frames.blocks import LogCounters, block_of
 from monitor.frames.bounds import open_binary
 from monitor.frames.logs import guarded
-from monitor.frames.text import candump
+from monitor.frames.text import candump, layouts
 from monitor.frames.text.candump_lines import lines_of
 from monitor.frames.text.lines import MARGIN
 from tests.helpers.examples import inputs
@@ -220,4 +220,4 @@ def test_a_block_has_the_lines_that_python_can_writes(sent: list[Frame]) -> None
 def test_a_block_is_read_as_it_was_written_at_any_time(sent: list[Frame], shift_us: int) -> None:
     moved = [frame._replace(t_ns=frame.t_ns + shift_us * US) for frame in sent]
     lines = lines_of(block_of(moved)).decode().splitlines()
-    assert list(map(candump.frame_of_line, lines)) == moved
+    assert list(map(layouts.frame_of_line, lines)) == moved

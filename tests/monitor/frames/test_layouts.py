@@ -79,7 +79,6 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("    No. Time   Source\n      1 0.0    CAN  ID: 194\n", "Wireshark: not read, convert"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
         ("1.5 0C2 1 02\n2.5 0C3 1 03\n3.5 0C2 1 04\n", "rows of frames without names of columns"),
-        ("2025-05-26T16:40:50.5,0C2,00 01\n" * 3, "rows of frames without names of columns"),
         (" (1.0)  can0  0C2   [2]  11`22\n", "candump -S or -i: not read, convert it with candump"),
     ],
 )
