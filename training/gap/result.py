@@ -143,7 +143,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "measured_on": measured_on,
         "detection_before": None if verified is None else verified.rates[0],
         "detection_after": None if verified is None else verified.rates[1],
-        "experiment": answer.experiment,
+        "experiment": answer.experiment and str(answer.experiment),
         "model": None if addition.path is None else str(addition.path),
         "form": addition.form or None,
         "offer": None if addition.offer is None else str(addition.offer),

@@ -53,13 +53,6 @@ class BaseState:
         """Return the state with a fit in place of the base."""
         return replace(self, current=found, deviance=scoring.deviance(found, self.case.blocks))
 
-    def shrinks_of(self, drive: ChainDrive) -> tuple[Shrink, ...]:
-        """Return what differs from healthy drive to drive in one more drive, () if unknown."""
-        if self.known is None:
-            return ()
-        case = replace(self.case, drives=(drive,), corrections=(np.zeros(len(drive)),), shrinks=())
-        return _shrinks(case, self.known, [self.known.columns(drive)])
-
 
 def base_state(
     drives: Sequence[ChainDrive], known: Healthy | None, base: Constants | None

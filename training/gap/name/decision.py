@@ -11,11 +11,11 @@ from typing import Final
 
 from monitor.base.types import FloatArray
 from training.gap.config import CONFIG
-from training.gap.name.manoeuvres import propose
+from training.gap.name.next_drives import next_drives
 from training.gap.name.onset import onset_s
 from training.gap.name.posterior import NONE, ONSET, UNKNOWN, Posterior, likely, posterior
 from training.gap.name.ranking import RANKED_CLOSELY, rank
-from training.gap.name.verdict import Candidate, Verdict
+from training.gap.name.verdict import Candidate, NextDrives, Verdict
 from training.greybox.effects import Effect
 from training.greybox.fit.case import Term
 from training.healthy.base_state import BaseState
@@ -37,7 +37,7 @@ class StepOutcome:
     best: tuple[Candidate, ...] = ()  # named, ambiguous, reversed, or effects alike to the fault
     suspected: str | None = None
     fault: Candidate | None = None  # suspected, as it was fitted; None of an onset
-    experiment: str | None = None
+    experiment: NextDrives | None = None
     posterior: Posterior = field(default_factory=dict)
     part: Candidate | None = None  # effect that leads, but explains too little by itself
 
@@ -75,12 +75,9 @@ def _of_effects(
         first = ranking[0]
         may_lead = first.kind == "effect" and first.merit.is_large
         part = first if may_lead else None
-        experiment = propose(state, [c.fit for c in ranking[:2] if c.merit.is_large])
-        return StepOutcome(
-            "unknown_effect", ranking, experiment=experiment, posterior=odds, part=part
-        )
+        return StepOutcome("unknown_effect", ranking, posterior=odds, part=part)
     best = tuple(among[:AMBIGUOUS_MOST])
-    experiment = propose(state, [c.fit for c in best])
+    experiment = next_drives(state.case, best)
     one: Verdict = "unknown_effect" if best[0].is_reversed else "named"
     verdict: Verdict = "ambiguous" if len(best) > 1 else one
     return StepOutcome(verdict, ranking, best=best, experiment=experiment, posterior=odds)

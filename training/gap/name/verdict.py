@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
+from monitor.base.counts import duration
 from monitor.base.types import FloatArray
 from training.greybox.chain import Constants
 from training.greybox.effects import Effect
 from training.greybox.effects.empirical import is_empirical
 from training.greybox.fit.case import Term
 from training.greybox.fit.joint import JointFit
+from training.pages.numbers import percent
 
 Verdict = Literal["named", "no_gap", "ambiguous", "unknown_effect", "sensor_fault_suspected"]
 Kind = Literal["effect", "empirical", "sensor fault"]
@@ -112,6 +114,22 @@ class Round:
     ranking: tuple[Candidate, ...]
 
 
+class NextDrives(NamedTuple):
+    """Driving like the present, after which one candidate may be named."""
+
+    seconds: float
+    name: str
+    probability: float  # that it is named, if no other explanation comes up
+
+    def __str__(self) -> str:
+        """Return it as the end of a sentence."""
+        return (
+            f"{duration(60.0 * round(self.seconds / 60.0))} more like these, in several "
+            f"recordings; {self.name} is then named with a probability of at most "
+            f"{percent(self.probability)}"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """The conclusion beside the verdict."""
@@ -120,7 +138,7 @@ class Answer:
     suspected: str | None = None  # the sensor fault, or the onset; one that bars a formula, too
     indistinguishable: tuple[Candidate, ...] = ()  # effects that the suspected fault looks like
     beside: tuple[Candidate, ...] = ()  # one of these after a name, all beside a suspected fault
-    experiment: str | None = None  # drive that tells an ambiguous set apart
+    experiment: NextDrives | None = None  # to tell an ambiguous set apart
 
 
 @dataclass(frozen=True, slots=True)

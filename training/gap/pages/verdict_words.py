@@ -180,8 +180,7 @@ def _drive(result: Result) -> list[str]:
     if experiment is None:
         return ["Record more varied driving and run again."]
     return [
-        f"To tell them apart drive: {experiment}. Then run again with that recording added.",
-        "That it tells more than another mixed drive is not shown.",
+        f"To tell them apart record {experiment}. Then run again with the new recordings added.",
     ]
 
 

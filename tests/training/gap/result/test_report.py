@@ -21,6 +21,7 @@ from training.gap.name.verdict import (
     Candidate,
     Merit,
     Naming,
+    NextDrives,
     Round,
     Trials,
     Verdict,
@@ -86,8 +87,10 @@ PURGE_ADDED = Addition(
 OFFERED = replace(PURGE_ADDED, path=None, offer=Path("out/offer.onnx"), withdrawn="a fault")
 
 
+MORE = NextDrives(1440.0, "<purge>", 0.66)
+
+
 def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes: Any) -> Naming:
-    experiment = "motorway at <2,600> rpm"
     chosen: dict[Verdict, tuple[Candidate, ...]] = {
         "named": RANKING[:1],
         "ambiguous": (RANKING[0], *RANKING[3:6]),
@@ -95,7 +98,7 @@ def naming(verdict: Verdict, ranking: tuple[Candidate, ...] = RANKING, **changes
     answer = Answer(
         effects=chosen.get(verdict, ()),
         suspected="gain_low" if verdict == "sensor_fault_suspected" else None,
-        experiment=experiment if verdict == "ambiguous" else None,
+        experiment=MORE if verdict == "ambiguous" else None,
     )
     answer = replace(answer, **{k: v for k, v in changes.items() if k != "rounds"})
     rounds = (Round(RANKING[0], 0.0112, RANKING),) if verdict == "named" else ()
@@ -352,7 +355,7 @@ def test_plots_of_verdicts_are_drawn(browser: Browser, tmp_path: Path, verdict: 
         (
             "ambiguous",
             "Ambiguous: purge (canister purge brings fuel vapour), ",
-            "To tell them apart drive: motorway at &lt;2,600&gt; rpm",
+            f"To tell them apart record {MORE}".replace("<purge>", "&lt;purge&gt;"),
         ),
         ("unknown_effect", "Unknown effect: the error", "Look at the errors by regime"),
         (
@@ -428,10 +431,10 @@ def test_a_suspicion_says_which_effect_it_cannot_be_told_from() -> None:
 
 @pytest.mark.parametrize(("verdict", "word"), [("named", "or"), ("sensor_fault_suspected", "and")])
 def test_what_may_be_there_beside_it_is_said_and_how_to_tell(verdict: Verdict, word: str) -> None:
-    found = replace(made(verdict), naming=naming(verdict, beside=RANKING[1:3], experiment="idle"))
+    found = replace(made(verdict), naming=naming(verdict, beside=RANKING[1:3], experiment=MORE))
     says = [f"{c.name} ({c.term.says})" for c in RANKING[1:3]]
     assert f"Beside it there may be {says[0]} {word} {says[1]}." in verdict_sentence(found)
-    assert any("drive: idle" in each for each in actions(found))
+    assert any(str(MORE) in each for each in actions(found))
     assert "Beside it" not in verdict_sentence(made(verdict))
 
 
