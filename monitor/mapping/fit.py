@@ -21,7 +21,6 @@ from monitor.base.types import FloatArray
 from monitor.frames.units import UNITS, Unit, conversion, unit_of
 from monitor.mapping.vocabulary import (
     GASOLINE_KG_L,
-    OTHER,
     QUANTITIES,
     STOICHIOMETRIC,
     VOCABULARY,
@@ -48,6 +47,7 @@ UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
     "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICHIOMETRIC))],
 }
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
+_ROLES: Final = {"other": 1.0, "target": 1.0}
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 
 
@@ -154,7 +154,7 @@ def _doubts(
     """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
     first = next(iter(words), "")[:_PREFIX_LETTERS]  # perhaps an ECU's, which says nothing
     is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and rest[:1] == [first]
-    if is_apart and first not in OTHER and not WORDS["bare"].issuperset(words[1:]):
+    if is_apart and not match(_ROLES, (first,))[0] and not WORDS["bare"].issuperset(words[1:]):
         rest = [*dropwhile(str.isdigit, rest[1:])]
     told = quantity.also.union(*(text.split("/") for text in _own_units(quantity, words)))
     yield from [f"its name says {word!r}, too" for word in rest if word not in told][:1]

@@ -52,8 +52,7 @@ def proposed(raw: RawTable) -> str:
     times = _time_columns(raw, cells, looks)
     others = {name: [c for c in each if c.place not in times] for name, each in candidates.items()}
     proposals = list(propose(others).values())
-    bests = sorted((each.best for each in proposals if each.best), key=lambda c: c.rank)
-    used = [each.place for each in bests]
+    used = [c.place for c in sorted((p.best for p in proposals if p.best), key=lambda c: c.rank)]
     named = list(filter(None, raw.names))
     own = [name for name in named if name not in {*times, *used}]
     columns = dict.fromkeys((*times[:1], *own[:_OWN], *used, *named))
@@ -177,12 +176,11 @@ def _time_columns(raw: RawTable, cells: FloatArray, signals: Collection[str]) ->
     if not (named or clocks) and len(cells) > 1:
         steps = np.diff(cells, axis=0)
         units = [unit_of(stated_unit(column, STOICHIOMETRIC), 1.0) for column in raw.columns]
-        kinds = [unit.quantity if unit else "" for unit in units]
-        in_time, unstated = (np.array([kind == each for kind in kinds]) for each in ("time", ""))
+        kinds = np.array([unit.quantity if unit else "" for unit in units])
         rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
         rises &= (steps == 1.0).mean(axis=0) < _RISING  # a counter of rows is no time
         rises &= [name not in signals for name in raw.names]
-        rises &= in_time if (rises & in_time).any() else unstated
+        rises &= kinds == ("time" if (rises & (kinds == "time")).any() else "")
         named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]
     return list(dict.fromkeys((*named, *clocks)))
 

@@ -19,20 +19,16 @@ STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most
 FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"  # not canonical: fuel per stroke follows from it
 GASOLINE_KG_L: Final = 0.745
 WORDS: Final = {name: frozenset(text.split()) for name, text in VOCABULARY["words"].items()}
-_STEMS: Final = {name: stems.split() for name, stems in VOCABULARY["concepts"].items()}
+_STEMS: Final = [(s, name) for name, text in VOCABULARY["concepts"].items() for s in text.split()]
 _CONCEPTS_OF: Final[dict[str, set[str]]] = {}
-for _concept, _stems in _STEMS.items():
-    for _stem in _stems:
-        _CONCEPTS_OF.setdefault(_stem.rstrip("*"), set()).add(_concept)
-OTHER: Final = frozenset(word for word, of in _CONCEPTS_OF.items() if of & {"other", "target"})
+for _stem, _concept in _STEMS:
+    _CONCEPTS_OF.setdefault(_stem.rstrip("*"), set()).add(_concept)
 _FULL: Final = 4  # letters of a word whose ending may be any of as many
 _PARTS: Final = {  # words that may fill a longer one
-    *(stem[:-1] for stems in _STEMS.values() for stem in stems if stem.endswith("*")),
+    *(stem[:-1] for stem, _ in _STEMS if stem.endswith("*")),
     *(word for word in (*WORDS["noise"], *_CONCEPTS_OF) if len(word) >= _FULL and word[0] != "="),
 }
-_STEM: Final = re.compile(
-    "|".join(sorted((p for p in _PARTS if len(p) > 2 or not p.isascii()), key=len)[::-1])
-)
+_STEM: Final = re.compile("|".join(sorted(_PARTS, key=len, reverse=True)))
 _LETTER: Final = r"[^\W\d]"
 _COMPOUND: Final = re.compile(
     rf"(?:(?:{_STEM.pattern})(?:s|n|en|es)?)+"
@@ -55,17 +51,16 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("O2SensorB1S1")
     ('o2', 'sensor', 'b1', 's1')
     """
-    text = name
     for pattern, instead in VOCABULARY["spellings"]:
-        text = re.sub(pattern, instead, text)
-    text = unicodedata.normalize("NFKD", text.translate(_LETTERS))
+        name = re.sub(pattern, instead, name)
+    text = unicodedata.normalize("NFKD", name.translate(_LETTERS))
     text = "".join(letter for letter in text if not unicodedata.combining(letter))
     words: list[str] = []
     for part in _PART.findall(text):
         word = part.lower()
         numbered = re.fullmatch(r"(?!(?:h|wb)?o2s?\d*$)([^\W\d]{2,})(\d+)", word)
-        name, *number = numbered.groups() if numbered else [word]
-        words += (*_filled(name), *number)
+        bare, *number = numbered.groups() if numbered else [word]
+        words += (*_filled(bare), *number)
     return tuple(words)
 
 
