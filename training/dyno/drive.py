@@ -269,21 +269,20 @@ def _measure(
     a: _Air,
     rpm: float,
     t_man: float,
-    maf_gain: float,
-    map_offset_kpa: float,
-    ambient_kpa: float,
+    p: Piece,
+    c: Conditions,
     e: Effects,
     maf_noise: float,
     map_noise: float,
 ) -> _Meters:
     """Return the state of air meter, pressure sensor and estimated charge one step later."""
-    pulse = np.exp(-(((rpm - 1300.0) / 450.0) ** 2)) * max(a.manifold_kpa / ambient_kpa - 0.55, 0.0)
-    reading = (
-        a.throttle_kg_s * 3600.0 * maf_gain * (1.0 + 2.0 * e.maf_pulsation * pulse) + e.maf_offset
-    )
+    above = max(a.manifold_kpa / c.ambient_kpa - 0.55, 0.0)
+    pulse = np.exp(-(((rpm - 1300.0) / 450.0) ** 2)) * above
+    gain = 1.0 + 2.0 * e.maf_pulsation * pulse
+    reading = a.throttle_kg_s * 3600.0 * p.maf_gain * gain + e.maf_offset
     lag = s.lag_kg_h + (reading - s.lag_kg_h) * STEP_S / 0.03
     maf = max(lag * (1.0 + 0.004 * maf_noise), 0.0)
-    map_kpa = a.manifold_kpa + map_offset_kpa + 0.08 * map_noise
+    map_kpa = a.manifold_kpa + p.map_offset_kpa + 0.08 * map_noise
     charge = charge_mg(nominal_ve(rpm, map_kpa), map_kpa, t_man)
     maf_slow = s.maf_slow_kg_h + (maf - s.maf_slow_kg_h) * STEP_S / 1.5
     flow = charge * (rpm / 30.0) * 3.6e-3
@@ -379,16 +378,8 @@ def simulate(
     coolant, t_man, rail = c.coolant_start_degc, c.ambient_degc + 8.0, 6.0
     cut, overrun_s, load_v, load_timer = 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        m = _move(
-            m,
-            speed_ref[k],
-            _slope_ahead(speed_ref, k),
-            gears[k],
-            brake_n[k],
-            coolant,
-            c.driver_noise,
-            noise[k, 0],
-        )
+        v_ref, a_ref = speed_ref[k], _slope_ahead(speed_ref, k)
+        m = _move(m, v_ref, a_ref, gears[k], brake_n[k], coolant, c.driver_noise, noise[k, 0])
         rpm = m.engine_rpm
         overrun_s = overrun_s + STEP_S if _overrun(m, cut) else 0.0
         cut = c.overrun_cut if overrun_s > 0.5 else 0.0
@@ -396,18 +387,7 @@ def simulate(
         a = _breathe(
             a, charge_ref, rpm, t_man, coolant, s.maf_slow_kg_h, p.ve_error, c.ambient_kpa, e
         )
-        s = _measure(
-            s,
-            a,
-            rpm,
-            t_man,
-            p.maf_gain,
-            p.map_offset_kpa,
-            c.ambient_kpa,
-            e,
-            noise[k, 1],
-            noise[k, 2],
-        )
+        s = _measure(s, a, rpm, t_man, p, c, e, noise[k, 1], noise[k, 2])
         flow_kg_h = a.throttle_kg_s * 3600.0
         coolant, t_man = _warm(coolant, t_man, flow_kg_h, a.boost_kpa, c.ambient_degc)
         rail = _rail_step(rail, charge_ref, rpm, noise[k, 3])

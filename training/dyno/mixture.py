@@ -327,21 +327,12 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         # mixture at the exhaust valve
         opened = max(fuel_ecu + course.fuel_error_mg[k], 0.0)
         injected = 0.0 if cut else _injected_mg(opened, d.rail_mpa[k], d.battery_v[k], p, e)
+        kpa, purge = d.manifold_kpa[k], d.purge_duty[k]
+        share, tau_s = course.film_share[k], course.film_tau_s[k]
         fuel = _fuel_step(
-            fuel,
-            t_s,
-            injected,
-            cut,
-            rpm / 30.0,
-            coolant,
-            d.manifold_kpa[k],
-            d.purge_duty[k],
-            course.film_share[k],
-            course.film_tau_s[k],
-            c,
-            e,
+            fuel, t_s, injected, cut, rpm / 30.0, coolant, kpa, purge, share, tau_s, c, e
         )
-        scavenged = _scavenged(d.manifold_kpa[k], c.ambient_kpa, rpm, e.scavenging)
+        scavenged = _scavenged(kpa, c.ambient_kpa, rpm, e.scavenging)
         phi = fuel.cylinder_mg * stoichiometric / (d.air_true_mg[k] * (1.0 + scavenged))
         disturbance = _disturb(disturbance, c.line_hz, noise[k, 0], noise[k, 2])
         if not cut:
@@ -352,17 +343,9 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
 
         # transport, sensor and reading; the delay begins with 90 / rpm s in the cylinder
         delayed = _look_back(cylinder, k, 90.0 / rpm + p.transport_delay_s)
+        density = course.exhaust_kg_m3[k]
         exhaust = _transport(
-            exhaust,
-            k,
-            delayed,
-            flow,
-            course.exhaust_kg_m3[k],
-            cut,
-            entered,
-            advected,
-            p.mixing_tau_s,
-            e,
+            exhaust, k, delayed, flow, density, cut, entered, advected, p.mixing_tau_s, e
         )
         uego = _pumping(uego, exhaust.gas, flow, course.sensor_tau_s[k], c.ambient_kpa, e)
         healthy = 1.0 + p.sensor_gain * (uego - 1.0) + p.sensor_offset + 0.0008 * noise[k, 1]
@@ -384,17 +367,9 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         out[5, k], out[6, k] = 1.0 if ready else 0.0, healthy
 
         if rear.active > 0.0:
+            gas, air_g_s = exhaust.gas, flow / 3.6
             brick = _behind(
-                brick,
-                cells_g,
-                ring,
-                k,
-                exhaust.gas,
-                flow / 3.6,
-                since_cut,
-                closed,
-                rear_noise[k],
-                rear,
+                brick, cells_g, ring, k, gas, air_g_s, since_cut, closed, rear_noise[k], rear
             )
             behind[0, k], behind[1, k], behind[2, k] = brick.volts, brick.heater, brick.degc
             behind[3, k] = brick.reading + catalyst.WIDE_NOISE * rear_noise[k]

@@ -92,6 +92,16 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
         air = engine.metered(own, air, piece.maf_gain, np.random.default_rng([*key, 5]))
         piece, effects = engine.installed(own, piece, effects)
         course = engine.course(own, air)
+    rear = downstream.NONE
+    if experiment.downstream:
+        rear = downstream.installed(
+            experiment.vehicle,
+            experiment.downstream_fault,
+            start_s,
+            conditions.ambient_degc,
+            experiment.active_steps_phi,
+            wide=experiment.wide_downstream,
+        )
     fuel = mixture.run(
         air,
         piece,
@@ -103,7 +113,7 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
         phi_step=trace.phi_step,
         forced_trim=experiment.forced_trim,
         course=course,
-        rear=_rear(experiment, conditions),
+        rear=rear,
         rear_rng=np.random.default_rng([*key, 6]) if experiment.downstream else None,
     )
     return air, fuel, conditions
@@ -111,21 +121,6 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
 
 def _key(experiment: Experiment) -> list[int]:
     return [0x0_2, 3, experiment.seed, experiment.vehicle]
-
-
-def _rear(experiment: Experiment, c: Conditions) -> downstream.Downstream:
-    """Return catalyst and downstream sensor of the experiment."""
-    if not experiment.downstream:
-        return downstream.NONE
-    fault, start_s = experiment.downstream_fault, experiment.fault_start_s
-    return downstream.installed(
-        experiment.vehicle,
-        fault,
-        start_s,
-        c.ambient_degc,
-        experiment.active_steps_phi,
-        wide=experiment.wide_downstream,
-    )
 
 
 def _behind(fuel: Mixture, *, wide: bool) -> dict[str, FloatArray]:
