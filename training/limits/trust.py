@@ -4,7 +4,7 @@ Every drive is judged as it is and with each fault put on the reading afterwards
 loop would answer in a car.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -32,7 +32,7 @@ MOST_S: Final = 3600.0  # of a drive, its begin
 
 
 class _Told(NamedTuple):
-    """What a model says of a drive."""
+    """What a model says of a drive, or of a part of one."""
 
     found: list[str]  # faults that were put on and set a code
     false: set[str]  # that set a code without
@@ -43,32 +43,38 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     """Return the trust of a card, whose limits judge; {} if no drive has a window.
 
     where : name of the model, for errors
-    Where no drive has ten windows, shorter ones tell what there is to tell.
+    Where no drive has ten windows, shorter ones tell what there is to tell. A drive of several
+    parts is one: it counts as found what half of them find, as false what any of them does.
     """
     limits = Limits.from_card(replace(card, trust={}), config, where)
     faults = [resolve(name, severity) for name, severity in LIMIT_FAULTS]
     if card.transform != "phi":  # the unit of an offset is not known
         faults = [fault for fault in faults if not fault.offset_lambda]
-    told = list[_Told](), list[_Told]()  # of short drives, of long ones
+    told = defaultdict[str, list[_Told]](list), defaultdict[str, list[_Told]](list)  # short, long
     for model, recordings in unseen:
         for recording in recordings:
-            if len(told[True]) == MOST_DRIVES:
+            if sum(map(len, told[True].values())) == MOST_DRIVES:
                 break
             drive = recording.part(0, round(MOST_S * 1e9 / recording.period_ns))
             faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
             healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
             pairs = zip(faults, others, strict=True)
             found = [fault.name for fault, judged in pairs if judged.dtcs]
-            own = _Told(found, {dtc.fault for dtc in healthy.dtcs}, healthy.explained or 0.0)
+            false = {dtc.fault for dtc in healthy.dtcs}
             if healthy.windows:
-                told[len(healthy.windows) >= LEAST_WINDOWS].append(own)
-    drives = told[True] or told[False]
-    if not drives:
+                own = _Told(found, false, healthy.explained or 0.0)
+                told[len(healthy.windows) >= LEAST_WINDOWS][recording.sha256].append(own)
+    if not (drives := [*(told[True] or told[False]).values()]):
         return {}
+
+    def finds(drive: list[_Told], name: str) -> bool:
+        return 2 * sum(name in part.found for part in drive) >= len(drive)
+
+    mistaken = (set[str]().union(*(part.false for part in drive)) for drive in drives)
     return {
         "drives": len(drives),
-        "found": {fault.name: sum(fault.name in each.found for each in drives) for fault in faults},
-        "false": dict(Counter(name for each in drives for name in sorted(each.false))),
-        "explained": min(each.explained for each in drives),
+        "found": {f.name: sum(finds(drive, f.name) for drive in drives) for f in faults},
+        "false": dict(Counter(name for names in mistaken for name in sorted(names))),
+        "explained": min(part.explained for drive in drives for part in drive),
         "severity": {fault.name: fault.severity for fault in faults},
     }

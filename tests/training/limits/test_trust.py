@@ -64,10 +64,19 @@ def test_a_good_model_finds_the_faults_and_mistakes_none() -> None:
 def test_short_drives_take_no_place_of_a_drive_that_counts() -> None:
     # GIVEN as many drives of some seconds as may count, before a drive of minutes
     whole = healthy()
-    short = replace(whole, values=whole.values[:100], quality=whole.quality[:100])
-    found = trust_of([(MODEL, [*[short] * MOST_DRIVES, whole])], CARD, SETTINGS, "shipped")
+    short = [replace(whole.part(0, 100), sha256=str(k)) for k in range(MOST_DRIVES)]
+    found = trust_of([(MODEL, [*short, whole])], CARD, SETTINGS, "shipped")
     # THEN the model is tried on that one
     assert found["drives"] == 1
+
+
+def test_what_twins_saw_in_parts_of_one_drive_is_told_of_one_drive() -> None:
+    half = len(healthy().values) // 2
+    parts = healthy().part(0, half), healthy().part(half, 2 * half)
+    found = trust_of([(MODEL, [part]) for part in parts], CARD, SETTINGS, "shipped")
+    alone = [trust_of([(MODEL, [part])], CARD, SETTINGS, "shipped")["found"] for part in parts]
+    assert found["drives"] == 1
+    assert found["found"] == {name: max(each[name] for each in alone) for name in NAMES}
 
 
 def test_a_drive_of_which_the_model_explains_less_than_of_any_before_is_asked_about() -> None:
