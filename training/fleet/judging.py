@@ -7,7 +7,6 @@ The drives of a vehicle share its fault memory and its reference, in their order
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from monitor.base.errors import O2Error
 from monitor.memory.dtc_store import DtcStore, Saved
@@ -15,7 +14,7 @@ from monitor.memory.reference import Reference
 from training.fleet import places
 from training.fleet.chunk_rows import Done, of_rows
 from training.fleet.drives import Chunk, FleetDrive
-from training.fleet.reading import Read
+from training.fleet.reading import Read, samples_of
 from training.fleet.rows import Row, failed_row, recording_row, window_rows
 from training.fleet.worker_kit import Tools, WorkerKit, tools_of
 
@@ -73,23 +72,18 @@ def _read(work: _Work, drive: FleetDrive) -> Read | None:
         reason = f"{drive.path}: the same content as {drive.copy_of}, which counts"
         work.recordings.append(failed_row(drive, reason))
         return None
-    began_s = time.process_time()
+    began_s, local = time.process_time(), drive.path
     try:
         with places.fetched(drive.path, work.kit.root) as path:
-            return _read_file(path, drive, work.tools)
+            local = str(path)
+            return samples_of(path, work.tools)
     except Exception as error:  # a bad file must not stop the fleet
-        reason = str(error) if isinstance(error, O2Error) else _internal(drive, error)
+        known = str(error).replace(local, drive.path)
+        reason = known if isinstance(error, O2Error) else _internal(drive, error)
         work.recordings.append(failed_row(drive, reason))
     finally:
         work.seconds["read"] += time.process_time() - began_s
     return None
-
-
-def _read_file(path: Path, drive: FleetDrive, tools: Tools) -> Read:
-    try:
-        return tools.reader.read(path)
-    except O2Error as error:
-        raise type(error)(str(error).replace(str(path), drive.path)) from error
 
 
 def _judge(work: _Work, held: Sequence[tuple[FleetDrive, Read]]) -> None:

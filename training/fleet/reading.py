@@ -6,16 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from monitor.base.config import Config
 from monitor.base.errors import RecordingError
 from monitor.base.files.manifest import sha256_of
 from monitor.base.types import SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge.enable import Enable
-from monitor.model.card import ModelCard
 from monitor.pipeline.entry import check_long_enough
 from monitor.pipeline.names import needed_names
-from monitor.pipeline.recordings import RecordingReader
+from training.fleet.worker_kit import Tools
 from training.recordings import recording
 from training.recordings.files.measurement import is_measurement
 
@@ -34,52 +32,43 @@ class Read:
     size_bytes: int
 
 
-class FleetReader:
-    """Reads logs and tables like ``o2mon replay``, and measurement files."""
+def samples_of(path: Path, tools: Tools) -> Read:
+    """Return the samples of a log or table like ``o2mon replay``, or of a measurement file.
 
-    def __init__(
-        self, reader: RecordingReader, card: ModelCard, config: Config, columns: Path | None
-    ) -> None:
-        self._reader, self._card, self._columns = reader, card, columns
-        self._config = config
+    Raises RecordingError with the name of the file, or ConfigError for the columns map.
+    """
+    card, counters, clearings = tools.model.card, dict[str, int](), tuple[Clearing, ...]()
+    if is_measurement(path, tools.columns):
+        names, block, begin_ns = _measured(path, tools)
+    else:
+        opened = tools.reader.open(path)
+        samples, clearings = recording.whole(opened.parts, len(opened.names))
+        check_long_enough(path, len(samples.t_ns))
+        names, counters = needed_names(card, opened.names), opened.counters()
+        order = [opened.names.index(name) for name in names]
+        values, quality = samples.values[:, order], samples.quality[:, order]
+        block, begin_ns = samples._replace(values=values, quality=quality), int(samples.t_ns[0])
+    return Read(
+        names,
+        block,
+        begin_ns,
+        clearings,
+        counters,
+        unavailable=Enable.of(tools.config.enable, names, card).unavailable,
+        sha256=sha256_of(path),
+        size_bytes=path.stat().st_size,
+    )
 
-    def read(self, path: Path) -> Read:
-        """Return the samples of a recording.
 
-        Raises RecordingError with the name of the file, or ConfigError for the columns map.
-        """
-        counters: Mapping[str, int] = {}
-        clearings: tuple[Clearing, ...] = ()
-        if is_measurement(path, self._columns):
-            names, block, begin_ns = self._load(path)
-        else:
-            opened = self._reader.open(path)
-            samples, clearings = recording.whole(opened.parts, len(opened.names))
-            check_long_enough(path, len(samples.t_ns))
-            names, counters = needed_names(self._card, opened.names), opened.counters()
-            order = [opened.names.index(name) for name in names]
-            values, quality = samples.values[:, order], samples.quality[:, order]
-            block, begin_ns = samples._replace(values=values, quality=quality), int(samples.t_ns[0])
-        return Read(
-            names,
-            block,
-            begin_ns,
-            clearings,
-            counters,
-            unavailable=Enable.of(self._config.enable, names, self._card).unavailable,
-            sha256=sha256_of(path),
-            size_bytes=path.stat().st_size,
-        )
-
-    def _load(self, path: Path) -> tuple[tuple[str, ...], SampleBlock, int]:
-        period_s = self._card.period_ns / 1e9
-        table = recording.load(path, period_s=period_s, columns=self._columns)
-        names = needed_names(self._card, table.names)
-        wanted = (*self._card.input_names, self._card.output.name)
-        empty = [name for name in wanted if not np.isfinite(table.column(name)).any()]
-        if empty:
-            raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
-        order = [table.names.index(name) for name in names]
-        t_ns = np.rint(table.t_s * 1e9).astype(np.int64)
-        values = (table.values[:, order], table.quality[:, order])
-        return names, SampleBlock(np.arange(len(t_ns)), t_ns, *values), table.begin_ns
+def _measured(path: Path, tools: Tools) -> tuple[tuple[str, ...], SampleBlock, int]:
+    card = tools.model.card
+    table = recording.load(path, period_s=card.period_ns / 1e9, columns=tools.columns)
+    names = needed_names(card, table.names)
+    wanted = (*card.input_names, card.output.name)
+    empty = [name for name in wanted if not np.isfinite(table.column(name)).any()]
+    if empty:
+        raise RecordingError(f"{path}: no number in column {', '.join(empty)}")
+    order = [table.names.index(name) for name in names]
+    t_ns = np.rint(table.t_s * 1e9).astype(np.int64)
+    values = (table.values[:, order], table.quality[:, order])
+    return names, SampleBlock(np.arange(len(t_ns)), t_ns, *values), table.begin_ns

@@ -18,7 +18,6 @@ from monitor.judge.limits import Limits
 from monitor.model.step import Model
 from monitor.pipeline.recordings import RecordingReader
 from training.fleet import places
-from training.fleet.reading import FleetReader
 from training.jobs import run_folder
 from training.jobs.model_bytes import model_of
 from training.limits.judging import RecordingJudge
@@ -92,8 +91,9 @@ class Tools:
     model: Model
     limits: Limits
     config: Config
-    reader: FleetReader
-    folder: "_Folder | None"  # of the columns map, which is read with every table
+    reader: RecordingReader
+    columns: Path | None  # columns map, which is read with every table
+    folder: "_Folder | None"  # of the columns map
     judges: dict[tuple[str, ...], RecordingJudge] = field(default_factory=dict)
 
     def judge_for(self, names: tuple[str, ...]) -> RecordingJudge:
@@ -140,14 +140,9 @@ def _made(kit: WorkerKit) -> Tools:
     if kit.columns is not None:
         kept = _Folder()
         columns = _lay(kept.path, kit.columns)
+    limits = Limits.from_card(model.card, kit.config, kit.model[0])
     reader = RecordingReader(bus_map, model.card, columns)
-    return Tools(
-        model,
-        Limits.from_card(model.card, kit.config, kit.model[0]),
-        kit.config,
-        FleetReader(reader, model.card, kit.config, columns),
-        kept,
-    )
+    return Tools(model, limits, kit.config, reader, columns, kept)
 
 
 def _lay(folder: Path, file: File) -> Path:

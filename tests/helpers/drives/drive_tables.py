@@ -10,7 +10,8 @@ from monitor.base import config
 from monitor.pipeline.recordings import RecordingReader
 from monitor.pipeline.replay import Setup, set_up
 from tests.conftest import ROOT
-from training.fleet.reading import FleetReader, Read
+from training.fleet.reading import Read, samples_of
+from training.fleet.worker_kit import Tools
 from training.recordings.files.table_files import write_table
 
 PERIOD_S = 0.1
@@ -19,9 +20,9 @@ Columns = dict[str, np.ndarray]
 
 def read(log: Path | str, setup: Setup) -> Read:
     """Return a whole replay log, or any other, with the signals that the monitor looks at."""
-    card = setup.model.card
-    reader = FleetReader(RecordingReader(setup.bus_map, card), card, setup.config, None)
-    return reader.read(ROOT / "replay_logs" / log)
+    reader = RecordingReader(setup.bus_map, setup.model.card)
+    tools = Tools(setup.model, setup.limits, setup.config, reader, columns=None, folder=None)
+    return samples_of(ROOT / "replay_logs" / log, tools)
 
 
 @cache
