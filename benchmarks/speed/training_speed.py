@@ -21,6 +21,7 @@ from scipy.linalg import blas
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.speed import training_packages as packages
 from benchmarks.speed.training_packages import MissingError, TrainedRun, TrainingCase
+from monitor.base.runs import runs
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.narx.algorithms.lm import minimise
@@ -28,7 +29,6 @@ from training.narx.algorithms.objectives import CHUNK
 from training.narx.network import Spec, forward, initial_weights, regressors, simulate
 from training.recordings.metrics import rmse
 from training.recordings.recording import Recording, load
-from training.recordings.samples.rows import runs
 
 SIMULATED_INPUTS = (
     "air_mass_mg",

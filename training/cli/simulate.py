@@ -166,15 +166,11 @@ def _check_needs(args: SimulateCommand) -> None:
     from training.dyno.recording_files import TABLES
 
     sudden = [name for name in args.fault if name.partition("=")[0] != downstream.CATALYST_FAULT]
+    is_other, is_table = args.period != SimulateCommand.period, args.format in TABLES
     for option, is_given, needs, is_there in (
         ("--metering", args.metering, "--injection", args.injection),
         ("--fault-start", args.fault_start, "a --fault that begins in a drive", sudden),
-        (
-            "--period",
-            args.period != SimulateCommand.period,
-            "--format of a table",
-            args.format in TABLES,
-        ),
+        ("--period", is_other, "--format of a table", is_table),
     ):
         if is_given and not is_there:
             raise UsageError(f"{option} needs {needs}")

@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
-from typing import Final
 
 import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
-from training.greybox.chain import Constants, Path, simulate
+from training.greybox.chain import Constants, simulate
 from training.greybox.charge import ChargeError, fit_with_charge, with_charge
 from training.greybox.effects import LIBRARY, Effect
 from training.greybox.effects.model_effect import Effects
@@ -20,11 +19,10 @@ from training.greybox.fit.ridge import Ridge
 from training.greybox.fit.sensor_faults import FAULTS
 from training.greybox.fit.vehicle_effects import own_of, with_more
 from training.greybox.quantity.dynamics import ramp_lag
-from training.healthy.config import CONFIG
+from training.healthy.config import CONFIG as LIMITS
 from training.healthy.features import features
 from training.healthy.operating_points import Visited
 
-LIMITS: Final = CONFIG
 SKEW_S = 0.01
 OWN = ("delay_flow", "mix_flow")  # that every exhaust has
 SKEW = "skew"  # what a charge that is late changes, per second
@@ -273,7 +271,8 @@ def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:
     """Return the columns of a drive: plain functions and every effect's signature."""
     path, phi = path_of(drive, base), phi_of(drive, base)
     made = features(drive, path, phi)
-    made[SKEW] = (simulate(_skewed(path, drive.period_s), drive.period_s) - phi) / SKEW_S
+    late = replace(path, air_mg=ramp_lag(path.air_mg, SKEW_S, drive.period_s))  # than the fuel
+    made[SKEW] = (simulate(late, drive.period_s) - phi) / SKEW_S
     terms: tuple[Term, ...] = (*drive.effects, *FAULTS)
     for term in terms:
         if isinstance(term, Effect) and not set(term.needs) <= set(drive.signals):
@@ -282,11 +281,6 @@ def columns(drive: ChainDrive, base: Constants) -> dict[str, FloatArray]:
             changed = reading(drive, base, (term,), (np.array(start),))
             made[f"{term.name} {start}"] = (changed - phi) / abs(start[0])
     return made
-
-
-def _skewed(path: Path, period_s: float) -> Path:
-    """Return the path with the charge's message later than the fuel's."""
-    return replace(path, air_mg=ramp_lag(path.air_mg, SKEW_S, period_s))
 
 
 def _fold(drive: ChainDrive, number: int) -> IntArray:

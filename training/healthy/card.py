@@ -6,7 +6,7 @@ schema, or with columns that this code does not make, is told.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,6 +24,7 @@ from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.ridge import Ridge
 from training.healthy.behaviour import Healthy, columns
 from training.healthy.operating_points import Visited
+from training.jobs.json_tree import json_tree
 from training.narx.export import update_card
 from training.recordings.recording import Recording
 
@@ -38,30 +39,25 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
     recordings : from which it was learned
     """
 
-    def listed(values: FloatArray) -> list[float]:
-        return [_rounded(value) for value in values]
-
-    def constants(values: Constants) -> dict[str, float]:
-        return {name: _rounded(value) for name, value in values._asdict().items()}
-
+    rounded = partial(json_tree, digits=DIGITS)
     return {
         "schema": SCHEMA,
         "recordings": [recording.path.name for recording in recordings],
-        "base": constants(known.base),
-        "plain": constants(known.plain),
-        "own": {each.name: listed(each.values) for each in known.own},
+        "base": rounded(known.base._asdict()),
+        "plain": rounded(known.plain._asdict()),
+        "own": {each.name: rounded(each.values) for each in known.own},
         "columns": list(known.names),
-        "weight": listed(known.ridge.weights),
-        "low": listed(known.ridge.low),
-        "high": listed(known.ridge.high),
+        "weight": rounded(known.ridge.weights),
+        "low": rounded(known.ridge.low),
+        "high": rounded(known.ridge.high),
         "penalty": known.ridge.penalty,
-        "spread": listed(known.spread),
-        **({"doubt": [*map(listed, known.doubt)]} if known.doubt.size else {}),
+        "spread": rounded(known.spread),
+        **({"doubt": rounded(known.doubt)} if known.doubt.size else {}),
         "visited": {
             "cells": [_bits(row) for row in known.visited.cells],
             "coolants": _bits(known.visited.coolants),
         },
-        "surplus": {name: _rounded(value) for name, value in sorted(known.surplus.items())},
+        "surplus": rounded(dict(sorted(known.surplus.items()))),
         "charge": None if known.charge is None else known.charge.to_card(),
         "rmse_usual": known.rmse_usual,
     }
@@ -152,10 +148,6 @@ def _constants(stored: Mapping[str, float]) -> Constants:
 def _nowhere() -> tuple[BoolArray, BoolArray]:
     nowhere = Visited.of([])
     return nowhere.cells, nowhere.coolants
-
-
-def _rounded(value: float) -> float:
-    return float(f"{float(value):.{DIGITS}g}")
 
 
 def _array(values: Sequence[float], n: int) -> FloatArray:

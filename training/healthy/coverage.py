@@ -2,14 +2,11 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Final
 
 from training.greybox.fit.drive import MIN_SCORED_S, ChainDrive
 from training.healthy.behaviour import Healthy
-from training.healthy.config import CONFIG
+from training.healthy.config import CONFIG as LIMITS
 from training.pages.numbers import percent
-
-LIMITS: Final = CONFIG
 
 
 def coverage_warnings(drives: Sequence[ChainDrive], known: Healthy | None) -> list[str]:

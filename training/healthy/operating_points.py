@@ -12,12 +12,11 @@ import numpy as np
 
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from training.greybox.fit.drive import ChainDrive
-from training.healthy.config import CONFIG
+from training.healthy.config import CONFIG as LIMITS
 
 SPEEDS_RPM: Final = np.array([1050.0, 1550.0, 2100.0, 2800.0, 3600.0, 4500.0])
 LOADS_MG: Final = np.array([125.0, 210.0, 330.0, 500.0])
 COOLANTS_DEGC: Final = np.array([15.0, 40.0, 65.0, 82.5])  # between the knots of `features`
-LIMITS: Final = CONFIG
 
 
 @dataclass(frozen=True, slots=True)

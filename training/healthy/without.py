@@ -16,9 +16,8 @@ from training.greybox.chain import valve_phi
 from training.greybox.effects.model_effect import Effects, along
 from training.greybox.fit.drive import ChainDrive, path_of
 from training.healthy.behaviour import Healthy
-from training.healthy.config import CONFIG
+from training.healthy.config import CONFIG as LIMITS
 
-LIMITS: Final = CONFIG
 RATIO: Final = (LIMITS.controller_ratio_min, LIMITS.controller_ratio_max)
 MOVED: Final = ("fuel_mass_mg", "lambda_controller")
 

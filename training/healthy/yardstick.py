@@ -41,10 +41,8 @@ def learn(
     held_out = []
     for k in range(groups):
         progress(f"healthy drives without group {k + 1} of {groups}")
-        out = set(range(k, len(drives), groups))
-        rest = [d for i, d in enumerate(drives) if i not in out]
-        others = behaviour.learn(rest, start, known)
-        held_out.append(([drives[i] for i in sorted(out)], others))
+        rest = [d for i, d in enumerate(drives) if i % groups != k]
+        held_out.append((drives[k::groups], behaviour.learn(rest, start, known)))
     known = replace(known, doubt=known.doubt[:, :0])
     known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
     states = []

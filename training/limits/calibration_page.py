@@ -4,6 +4,7 @@ from typing import Any, Final
 
 from monitor.base.counts import counted, plain
 from training.limits.evaluation import alarms_in_words
+from training.limits.rates import in_words
 from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.page import page
 
@@ -59,10 +60,8 @@ def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
 def detection(result: dict[str, Any]) -> str:
     """Return in words how many faulty drives have a code, and how many their own."""
     found, known = result["found"], sum(bool(row["fault"]) for row in result["faulty"])
-    return (
-        f"faulty drives with a code: {found['events']} of {found['trials']} (95 %: "
-        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %)"
-    ) + (f", {found['named']} of {known} with the right name alone" if known else "")
+    named = f", {found['named']} of {known} with the right name alone" if known else ""
+    return f"faulty drives with a code: {in_words(found)}{named}"
 
 
 def verdict(result: dict[str, Any]) -> str:

@@ -13,8 +13,8 @@ from monitor.base.files.manifest import entry_of
 from monitor.base.types import BoolArray
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
-from training.limits.judging import Judged, enabled_samples, judge_recordings
-from training.limits.rates import rate
+from training.limits.judging import Judged, checked, judge_recordings
+from training.limits.rates import in_words, rate
 from training.recordings import metrics
 from training.recordings.prediction import predict
 from training.recordings.recording import Recording, check_each_once
@@ -81,8 +81,7 @@ def alarms_in_words(found: dict[str, Any]) -> str:
     """Return what ``false_alarms`` found in words."""
     named = "".join(f"; {path}: {', '.join(each)}" for path, each in found["named"].items())
     return (
-        f"healthy drives with a code: {found['events']} of {found['trials']} (95 %: "
-        f"{100 * found['low']:.1f} to {100 * found['high']:.1f} %); the limits state at "
+        f"healthy drives with a code: {in_words(found)}; the limits state at "
         f"most {plain(100 * found['stated'], 2)} % of drives like those that set them, and "
         f"{counted(found['trials'], 'drive')} can prove {100 * found['provable']:.1f} % at best; "
         f"{found['completed']} decided by the response test{named}"
@@ -105,7 +104,8 @@ def _one(model: Model, recording: Recording, washout: int, settings: Config) -> 
         in_phi = metrics.measures(1.0 / a, 1.0 / b)
         return found | {f"{name}_phi": in_phi[name] for name in ("rmse", "fit_percent")}
 
-    enabled = scored & enabled_samples(recording, model.card, settings)
+    *_, held = checked(recording, model.card, settings)
+    enabled = scored & held.all(axis=1)
     return {
         "path": str(recording.path),
         "sha256": recording.sha256,

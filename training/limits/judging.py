@@ -189,12 +189,6 @@ class _Run:
         )
 
 
-def enabled_samples(recording: Recording, card: ModelCard, config: Config) -> BoolArray:
-    """Return (n,) bool, True for samples at which all enable conditions hold."""
-    *_, held = checked(recording, card, config)
-    return np.asarray(held.all(axis=1))
-
-
 def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause]:
     """Return the signals and enable conditions that keep a recording from a verdict."""
     names, block, conditions, held = checked(recording, card, config)

@@ -21,6 +21,12 @@ def rate(events: int, trials: int) -> Figures:
     return counts | {"rate": events / trials, "low": float(low), "high": float(high)}
 
 
+def in_words(found: Figures) -> str:
+    """Return a rate of trials with its bounds in words."""
+    low, high = 100 * found["low"], 100 * found["high"]
+    return f"{found['events']} of {found['trials']} (95 %: {low:.1f} to {high:.1f} %)"
+
+
 def per_1000_h(events: int, seconds: float) -> Figures:
     """Return events per 1,000 hours and the upper 95 % bound of the rate of a Poisson process.
 

@@ -58,11 +58,9 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
             drive = recording.part(0, round(MOST_S * 1e9 / recording.period_ns))
             faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
             healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
-            pairs = zip(faults, others, strict=True)
-            found = [fault.name for fault, judged in pairs if judged.dtcs]
-            false = {dtc.fault for dtc in healthy.dtcs}
+            found = [f.name for f, judged in zip(faults, others, strict=True) if judged.dtcs]
             if healthy.windows:
-                own = _Told(found, false, healthy.explained or 0.0)
+                own = _Told(found, {dtc.fault for dtc in healthy.dtcs}, healthy.explained or 0.0)
                 told[len(healthy.windows) >= LEAST_WINDOWS][recording.sha256].append(own)
     if not (drives := [*(told[True] or told[False]).values()]):
         return {}

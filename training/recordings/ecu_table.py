@@ -1,7 +1,7 @@
 """Tables over axes, as an engine control unit holds them, with bounds and samples of each cell."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -122,11 +122,11 @@ class EcuTable(Shown):
 
     def document(self) -> dict[str, Any]:
         """Return the table as JSON holds it, null where nothing was measured."""
-        band = self.coolant
+        band = self.coolant and dict(zip(("low", "high", "at"), astuple(self.coolant), strict=True))
         return {
             "name": self.name,
             "unit": self.unit,
-            **({} if band is None else {"coolant_degc": _band(band)}),
+            **({"coolant_degc": band} if band else {}),
             "axes": [{"name": a.name, "unit": a.unit, "values": list(a.values)} for a in self.axes],
             "estimate": json_tree(self.estimate, DIGITS),
             "low": json_tree(self.low, DIGITS),
@@ -145,7 +145,3 @@ def axes_of(load: str, speeds: Sequence[float] = (), loads: Sequence[float] = ()
         Axis("engine_speed_rpm", "1/min", tuple(speeds) or SPEEDS_RPM),
         Axis(load, LOAD_UNITS[load], tuple(loads) or LOADS[load]),
     )
-
-
-def _band(band: CoolantBand) -> dict[str, float]:
-    return {"low": band.low_degc, "high": band.high_degc, "at": band.at_degc}

@@ -1,5 +1,6 @@
 """Measures of a simulation against the measurement."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,16 @@ def correlation(measured: FloatArray, simulated: FloatArray) -> float:
     a, b = _about_mean(measured), _about_mean(simulated)
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.clip(a @ b / scale, -1.0, 1.0)) if scale > 0 else 0.0
+
+
+def correlations(pairs: Sequence[tuple[FloatArray, FloatArray]], most: int) -> list[float]:
+    """Return the correlation of the second signals with the earlier first ones, by lag."""
+    result = []
+    for lag in range(most + 1):
+        late = [(a[: len(a) - lag], b[lag:]) for a, b in pairs if len(a) > lag]
+        u, y = (np.concatenate(each) for each in zip(*late, strict=True))
+        result.append(correlation(u, y))
+    return result
 
 
 def slope(measured: FloatArray, simulated: FloatArray) -> float:

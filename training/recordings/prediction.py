@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units, to_model_units
 from training.recordings.recording import Recording
-from training.recordings.samples.rows import hold, runs
+from training.recordings.samples.rows import hold
 
 ROWS: Final = 32  # recordings that run side by side
 REMEMBERED: Final = 100  # free runs, the newest: the steps of a workflow ask for the same again

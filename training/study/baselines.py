@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor.base import counts
 from monitor.base.errors import RecordingError
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
 from training.narx.linear import arx
@@ -20,7 +21,6 @@ from training.recordings.metrics import correlation, fit_percent, rmse
 from training.recordings.recording import Recording
 from training.recordings.samples.linear_data import LinearData, LinearStretch, linear_stretches
 from training.recordings.samples.preparation import Role
-from training.recordings.samples.rows import runs
 from training.study.choice import chosen
 from training.study.free_runs import FreeRun, judged_on
 from training.study.task import Parts, Task

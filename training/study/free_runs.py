@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from training.narx.model_file import measured_and_predicted, measures
 from training.narx.network import Spec
@@ -18,7 +19,6 @@ from training.recordings.samples.preparation import (
     Samples,
     stretches_of,
 )
-from training.recordings.samples.rows import runs
 from training.study.task import LAGS, Task
 
 WINDOW = 50  # samples, Model Based Diagnosis of Oxygen Sensors, section 2

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.runs import runs
 from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import Quality
 from training.jobs.json_tree import json_tree
@@ -13,7 +14,6 @@ from training.recordings.recording import Recording
 from training.recordings.samples.linear_data import cleaned, linear_stretches
 from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import enabled_rows, output_transform
-from training.recordings.samples.rows import runs
 from training.recordings.spectrum import (
     SpectralLine,
     Spectrum,

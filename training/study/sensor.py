@@ -14,11 +14,11 @@ import numpy as np
 from monitor.base.errors import RecordingError
 from monitor.base.faults import resolve
 from monitor.base.files import manifest
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Role
-from training.recordings.samples.rows import runs
 from training.recordings.sensor_fault import put_on
 from training.study.choice import chosen
 from training.study.free_runs import WINDOW, FreeRun, scaled_as, trained_on

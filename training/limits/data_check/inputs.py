@@ -9,7 +9,7 @@ from monitor.base.counts import plain
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.limits.data_check.samples import DataFinding
-from training.recordings.metrics import correlation
+from training.recordings.metrics import correlations
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import Stretches, output_transform
 
@@ -147,14 +147,11 @@ def _copy(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, floa
     u, y : unbroken stretches of input and output, shapes (n_i,); the lag is positive if ``u``
         follows ``y``
     """
-    best = (0.0, 0.0, 0)
     long = [(a, b) for a, b in zip(u, y, strict=True) if len(a) > 2 * COPY_LAGS + 2]
-    for lag in range(-COPY_LAGS, COPY_LAGS + 1) if long else ():
-        later, earlier = (slice(max(k, 0), min(k, 0) or None) for k in (lag, -lag))
-        pairs = [(a[later], b[earlier]) for a, b in long]
-        level = correlation(*map(np.concatenate, zip(*pairs, strict=True)))
-        if abs(level) > abs(best[0]):
-            changes = [(np.diff(a), np.diff(b)) for a, b in pairs]
-            change = correlation(*map(np.concatenate, zip(*changes, strict=True)))
-            best = (level, change, lag)
-    return best
+    if not long:
+        return 0.0, 0.0, 0
+    swapped = [(b, a) for a, b in long]
+    levels = [*correlations(long, COPY_LAGS)[:0:-1], *correlations(swapped, COPY_LAGS)]
+    lag = int(np.argmax(np.abs(levels))) - COPY_LAGS
+    changes = [(np.diff(a), np.diff(b)) for a, b in (swapped if lag > 0 else long)]
+    return levels[lag + COPY_LAGS], correlations(changes, abs(lag))[-1], lag

@@ -7,6 +7,7 @@ import numpy as np
 
 from monitor.base.counts import counted, duration, plain
 from monitor.base.errors import RecordingError
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from training.limits.decision_limits import MINIMUM_WINDOWS
 from training.narx.network import Spec
@@ -19,7 +20,6 @@ from training.recordings.samples.preparation import (
     Stretches,
     output_transform,
 )
-from training.recordings.samples.rows import runs
 
 LAGS = 5  # of a small network
 SHORTEST_STRETCH = 8 * LAGS  # training.recordings.samples.preparation drops shorter ones

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from monitor.base.runs import runs
 from monitor.model.step import from_model_units
 from training.narx.model_file import FreeRunFit
 from training.pages.drawing import Drawing, axis, density, histogram, layer, plot
 from training.pages.numbers import with_unit
 from training.recordings.samples.preparation import Prepared, Role, Segment
-from training.recordings.samples.rows import runs
 
 FIGURE_SAMPLES = 1500  # at most this many of a held-out block are drawn
 

@@ -52,7 +52,8 @@ def read_measurement(
     mapping = load_columns(Path(columns)) if columns is not None else None
     with _open(path) as mdf:
         if mapping is None:
-            mapping = {name: Column(name) for name in mdf.channels_db if name not in _masters(mdf)}
+            times = {mdf.groups[group].channels[at].name for group, at in mdf.masters_db.items()}
+            mapping = {name: Column(name) for name in mdf.channels_db if name not in times}
         mapping = {name: each for name, each in mapping.items() if name != TIME}
         found = {}
         for name, each in mapping.items():
@@ -69,7 +70,7 @@ def _series(path: Path, mdf: Any, name: str, column: Column) -> tuple[IntArray, 
     places = mdf.channels_db.get(column.column)
     if not places:
         raise RecordingError(f"{path}: no channel {column.column!r} in the measurement file")
-    group, index = max(places, key=lambda place: _cycles(mdf, place[0]))
+    group, index = max(places, key=lambda at: int(mdf.groups[at[0]].channel_group.cycles_nr))
     signal = mdf.get(group=group, index=index)
     samples = np.asarray(signal.samples)
     if samples.ndim != 1 or samples.dtype.kind not in "biuf" or len(samples) == 0:
@@ -87,15 +88,6 @@ def _series(path: Path, mdf: Any, name: str, column: Column) -> tuple[IntArray, 
     if np.any(np.diff(t_ns) < 0):
         raise RecordingError(f"{path}: the times of channel {column.column!r} fall")
     return t_ns, values
-
-
-def _cycles(mdf: Any, group: int) -> int:
-    return int(mdf.groups[group].channel_group.cycles_nr)
-
-
-def _masters(mdf: Any) -> set[str]:
-    """Return the names of the time channels."""
-    return {mdf.groups[group].channels[index].name for group, index in mdf.masters_db.items()}
 
 
 @contextmanager

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from monitor.base.runs import runs
 from monitor.base.types import BoolArray, FloatArray
-from training.recordings.samples.rows import runs
 
 # The controller is driven by the measured lambda. A network that sees its exact output inverts it
 # and predicts the reading of a faulty sensor. So training adds noise to it, several times as large

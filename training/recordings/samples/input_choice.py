@@ -40,7 +40,8 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
     Raises RecordingError if fewer than two signals are in all of them.
     """
     common = frozenset.intersection(*(moving(each) for each in recordings)) - {output}
-    if frozenset(NARX_INPUTS) <= frozenset.intersection(*(each.known for each in recordings)):
+    known = frozenset.intersection(*(each.known for each in recordings))
+    if frozenset(NARX_INPUTS) <= known:
         return NARX_INPUTS
     common = frozenset(name for name in common if not _is_narrow(recordings, name))
     causes = CAUSES if common & {*CAUSES[0]} else (*CAUSES, *WITHOUT_FUEL)
@@ -48,7 +49,6 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
     inputs = tuple(dict.fromkeys(name for name in found if name is not None))
     if len(inputs) < LEAST:
         wanted = ", ".join(dict.fromkeys(name for cause in causes for name in cause))
-        known = frozenset.intersection(*(each.known for each in recordings))
         raise RecordingError(
             f"{recordings[0].path}: no inputs for a model; {LEAST} or more that move are wanted of "
             f"{wanted}; all recordings have {', '.join(sorted(known)) or 'no signal'}; "

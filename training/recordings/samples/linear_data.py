@@ -13,11 +13,11 @@ from scipy import signal
 
 from monitor.base.counts import plain
 from monitor.base.errors import RecordingError
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.recordings.recording import Recording
 from training.recordings.samples.preparation import columns_of, output_transform
-from training.recordings.samples.rows import runs
 
 FILTER_ORDER = 2  # of the Butterworth prototype; a band-stop has twice as many poles
 FILTER_MARGIN_HZ = 0.1  # by which the stop band is wider than the line on both sides

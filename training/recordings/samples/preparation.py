@@ -13,13 +13,13 @@ import numpy as np
 
 from monitor.base.counts import counted
 from monitor.base.errors import O2Error, RecordingError, UsageError
+from monitor.base.runs import runs
 from monitor.base.signals import BY_NAME
 from monitor.base.types import BoolArray, FloatArray, Quality
 from monitor.model.card import Channel
 from monitor.model.step import from_model_units, to_model_units
 from training.recordings.samples.augmentation import CONTROLLER, FUEL, controller_noise, fuel_turns
 from training.recordings.samples.outliers import outlier_mask
-from training.recordings.samples.rows import runs
 from training.recordings.samples.scaling import Scaling, channel_of, scaling_of
 
 if TYPE_CHECKING:

@@ -1,14 +1,8 @@
-"""Rows of a recording: runs of alike rows, and gaps held."""
+"""Gaps in the rows of a recording, held."""
 
 import numpy as np
 
 from monitor.base.types import FloatArray
-
-
-def runs(good: np.ndarray) -> list[tuple[int, int]]:
-    """Return (first, stop) of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def hold(values: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray, IntArray
 from training.jobs.json_tree import json_tree
 from training.narx.algorithms import lm
@@ -21,7 +22,6 @@ from training.narx.search import stages
 from training.narx.work import Work
 from training.recordings.metrics import correlation
 from training.recordings.samples.preparation import Prepared, Role, Samples
-from training.recordings.samples.rows import runs
 from training.study.narx.bayes import minimise_bayesian
 from training.study.narx.candidates import BAYES, CONJUGATE, LM, ModelCandidate
 from training.study.narx.first_order import (

@@ -98,16 +98,6 @@ def _prepared(recordings: Sequence[Recording], each: InputSet, output: str, seed
     return replace(data, samples=samples, role=role)
 
 
-def correlations(pairs: Sequence[tuple[FloatArray, FloatArray]], most: int) -> list[float]:
-    """Return the correlation of the second signals with the earlier first ones, by lag."""
-    result = []
-    for lag in range(most + 1):
-        late = [(a[: len(a) - lag], b[lag:]) for a, b in pairs if len(a) > lag]
-        u, y = (np.concatenate(each) for each in zip(*late, strict=True))
-        result.append(metrics.correlation(u, y))
-    return result
-
-
 def scored_rows(tried: Sequence[Tried]) -> np.ndarray:
     """Return a mask (n,) bool of the enabled test samples that all sets predict.
 

@@ -9,6 +9,7 @@ from scipy import linalg
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
+from training.recordings.metrics import correlations
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.linear_data import linear_stretches
@@ -16,7 +17,6 @@ from training.recordings.samples.preparation import output_transform
 from training.study.selection.input_sets import (
     InputSet,
     aligned,
-    correlations,
     figures,
     scored_rows,
     try_sets,

@@ -16,18 +16,18 @@ from numpy.polynomial import polynomial
 from scipy import linalg, signal
 
 from monitor.base.faults import resolve
+from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from monitor.model.step import to_model_units
 from training.narx.cross_fit import as_recorded
 from training.narx.linear.arx import lagged
 from training.narx.search.stages import free_run
-from training.recordings.metrics import correlation
+from training.recordings.metrics import correlation, correlations
 from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.preparation import Role, enabled_rows
-from training.recordings.samples.rows import runs
 from training.recordings.sensor_fault import put_on
-from training.study.selection.input_sets import Tried, correlations
+from training.study.selection.input_sets import Tried
 
 COMMAND = "lambda_target"
 TAPS = 5  # past samples of the mixture in the controller's law
