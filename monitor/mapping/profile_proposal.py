@@ -142,18 +142,18 @@ def _known(
     setting : unit that the logger has for all such columns, "" if nothing tells it
     Where neither file nor profile states a unit, the values tell it.
     """
-    own = replace(source, column=column.name)
-    if setting and not stated_unit(column, STOICHIOMETRIC):
+    own, stated = replace(source, column=column.name), stated_unit(column, STOICHIOMETRIC)
+    if setting and not stated:
         own = replace(own, units=(setting,))
     converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
     if not is_of_quantity(name, source, column, STOICHIOMETRIC):
         return None
     if name not in QUANTITIES or converts:
         low, high = plausible_range(name)
-        is_told = converts or source.units or stated_unit(column, STOICHIOMETRIC)
+        is_told = converts or source.units or stated
         return own if is_told or low <= np.nanmedian(values) <= high else None
     usual = () if QUANTITIES[name].unit.quantity in SEVERAL else own.units
-    unit = stated_unit(column, STOICHIOMETRIC) or (usual[0] if len(usual) == 1 else "")
+    unit = stated or (usual[0] if len(usual) == 1 else "")
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
     if not fit or fit.doubt:
         return None

@@ -93,11 +93,10 @@ def entries(proposals: Sequence[Proposal]) -> list[str]:
             reasons = "; ".join([candidate.place, *candidate.fit.why])
             why = f"{candidate.fit.confidence:.2f}: {reasons}"
             entry = f"{each.name} = {toml(candidate.entry)}"
-            if candidate is each.best:
-                lines += [comment(why), entry]
-            else:
-                lines += [comment(f"  {'or' if each.best else 'candidate'} {why}")]
-                lines += [comment(f"  {entry}")]
+            if candidate is not each.best:
+                why = f"  {'or' if each.best else 'candidate'} {why}"
+                entry = comment(f"  {entry}")
+            lines += [comment(why), entry]
     return lines
 
 
