@@ -19,14 +19,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from benchmarks.outcome import BenchmarkOptions, Row, finish, say
 from benchmarks.verdicts.true_tables import true_tables
 from monitor.base.types import FloatArray
-from training.dyno.engine import INJECTIONS, METERINGS, EngineLayout
+from training.dyno.engine import EngineLayout, Injection, Metering
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.ecu_tables import config, fit, signals, tables
@@ -63,7 +63,7 @@ def main(argv: Sequence[str]) -> int:
     vehicles = (CALIBRATION if args.calibrate else REPORT)[: args.vehicles]
     cells: list[dict[str, Any]] = []
     for place, vehicle in enumerate(vehicles):
-        layout = EngineLayout(INJECTIONS[place % 2], METERINGS[place // 2 % 2])
+        layout = EngineLayout(get_args(Injection)[place % 2], get_args(Metering)[place // 2 % 2])
         cells += of_vehicle(vehicle, layout, args.seconds)
         say(f"{vehicle} {layout.name}: {len(cells)} cells so far")
     names = dict.fromkeys(cell["table"] for cell in cells)

@@ -23,8 +23,6 @@ from training.recordings.ecu_table import RAIL_REFERENCE_MPA
 
 Injection = Literal["port", "direct"]
 Metering = Literal["maf", "speed_density"]
-INJECTIONS: Final[tuple[Injection, ...]] = ("port", "direct")
-METERINGS: Final[tuple[Metering, ...]] = ("maf", "speed_density")
 PORT_MIXING_S: Final = 0.01
 MANIFOLD_CHARGES: Final = 12.9  # mass in the manifold over the charge of one cylinder
 METER_LAG_S: Final = 0.03

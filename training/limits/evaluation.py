@@ -48,8 +48,7 @@ def evaluate(
     if healthy:
         limits = Limits.from_card(model.card, settings, str(model.path))
         judged = judge_recordings(recordings, model, limits, settings)
-        found = false_alarms([*zip(recordings, judged, strict=True)], settings)
-        alarms = {"false_alarms": found}
+        alarms["false_alarms"] = false_alarms([*zip(recordings, judged, strict=True)], settings)
     return {
         "schema": SCHEMA,
         "model": str(path),

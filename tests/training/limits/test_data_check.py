@@ -199,6 +199,10 @@ def test_coverage_counts_visited_cells() -> None:
     assert np.sum(found["seconds"]) == pytest.approx(990.0, abs=2.0)
 
 
+def test_without_a_recording_there_is_no_usable_data() -> None:
+    assert not check([], INPUTS, "lean")["usable"]
+
+
 def test_the_same_file_twice_is_an_error_as_for_a_fit(good: Recording) -> None:
     result = check([good, replace(good, path=Path("copy.csv"))], INPUTS, "lean")
     assert "copy.csv" in only(result, "repeated file", "error")

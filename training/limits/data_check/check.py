@@ -29,7 +29,8 @@ def check(
 
     unreadable : one error message per file that could not be read
     """
-    findings = [DataFinding("error", "file", text) for text in unreadable]
+    none = [] if recordings else ["no recording can be read, at least one is wanted"]
+    findings = [DataFinding("error", "file", text) for text in (*unreadable, *none)]
     figures: dict[str, Any] = {"coverage": None, "excitation": []}
     if recordings:
         missing = _missing(recordings, (*inputs, output))
