@@ -33,7 +33,7 @@ MOST_NAMES: Final = 4096  # of a table with one value a row
 # usual names of the columns of a table with one value a row: of the name, the value and the unit
 _LONG: Final = (
     "pid name signal parameter channel variable sensor field item metric topic",
-    "value wert reading valor valeur",
+    "value wert reading valor valeur payload",
     "units unit einheit uom unidad unité",
 )
 # of a last column, which rows may lack

@@ -123,6 +123,17 @@ TABLES = {
         + rows(lambda i: f"    {i / 10:.3f}; {RPM[i]}      ; {AIR[i]}  ; {AFR[i] / 14.7:.5f}"),
         {"engine_speed_rpm": "nmot_w", "maf_kg_h": "mshfm_w", "lambda_measured": "lamsoni_w"},
     ),
+    "topics of a broker": (
+        "topic,timestamp,payload\n"
+        + rows(
+            lambda i: (
+                f"car/Engine RPM,2026-06-25 20:03:{i:02d}.02+00:00,{RPM[i]}\n"
+                f"car/door,2026-06-25 20:03:{i:02d}.04+00:00,open\n"
+                f"car/Lambda,2026-06-25 20:03:{i:02d}.06+00:00,{AFR[i] / 14.7}"
+            )
+        ),
+        {"engine_speed_rpm": "car/Engine RPM", "lambda_measured": "car/Lambda"},
+    ),
     "one value a row": (
         '"SECONDS";"PID";"VALUE";"UNITS";\n'
         + rows(

@@ -72,6 +72,11 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("0xC2A,1,00\n0xC3A,1,01\n0xC2A,1,02\n", "identifiers and data without times: not read"),
         ("0C2 01 02\n0C3 11 22\n7E8 03 41 0D\n", "identifiers and data without times: not read"),
         ("CAN 1  000000C2 X 8 E.M 1.5 R\n   -> Speed 5.0 Enum\n", "without the frames' data: not"),
+        ("id,dlc,b0,b1\n100,2,00,08\n101,2,38,31\n", "identifiers and data without times: not"),
+        (
+            '"ID","PGN","B1","B2"\n"0CF00400","61444","F6","7D"\n' * 2,
+            "identifiers and data without",
+        ),
         ("ID,DATA_0,DATA_1,label\n194,1,2,R\n", "identifiers and data without times: not read"),
         (">010C\n41 0C 1A F8\n\n>010D\n41 0D 32\n", "an ELM327's requests and answers: not read"),
         ("t0C221122\rT18FEF1001FF\r", "an slcan adapter's own lines: not read"),
