@@ -67,7 +67,7 @@ class TextLayout:
 
 def _told_s(text: str) -> float:
     """Return a number of seconds; 13 digits before its point and more are of ms, µs or ns."""
-    return float(text) * 1e-3 ** max(0, (len(text.partition(".")[0]) - 10) // 3)
+    return _seconds(text) * 1e-3 ** max(0, (len(re.split("[.,]", text)[0]) - 10) // 3)
 
 
 _ANY: Final = re.IGNORECASE | re.ASCII
@@ -421,7 +421,7 @@ def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[
     step = (max(values) - min(values)) / max(1, len(values) - 1)
     if unit and unit.quantity == "time":
         step_s = unit.factor
-    elif len(times[0].partition(".")[0]) > 12:  # since 1970
+    elif values[0] > 1e12:  # since 1970
         return _told_s
     elif any(mark in time for time in times for mark in ".,"):
         is_fine = any(re.search(r"[.,]\d{4}", time) for time in times)  # no ms are as fine

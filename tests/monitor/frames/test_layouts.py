@@ -161,6 +161,15 @@ def test_few_frames_keep_their_unit(tmp_path: Path, column: str, form: str, step
     assert steps == {round(step_s * 1e9)}
 
 
+def test_milliseconds_since_1970_may_have_a_decimal_comma(tmp_path: Path) -> None:
+    path = tmp_path / "comma.csv"
+    path.write_text("Zeit;ID;Daten\n1795857000000,5;0C2;01\n1795857000010,5;0C2;02\n")
+    assert [frame.t_ns // 1000 for frame in read_frames(path)] == [
+        1795857000000500,
+        1795857000010500,
+    ]
+
+
 def test_a_row_with_another_kind_of_time_is_a_damaged_line(tmp_path: Path) -> None:
     path, counters = tmp_path / "mixed.csv", LogCounters()
     rows = [f"{i / 10},C2,{i:02X}\n" for i in range(99)]
