@@ -1,11 +1,12 @@
 """What a new model's card keeps of the recordings: profile, decision limits, healthy reference."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from monitor.base import config
 from monitor.base.config import Config
@@ -21,7 +22,11 @@ from monitor.frames.profiles.profile import (
 from monitor.grid.column_times import column_times
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from training.healthy.reference import set_reference
+from training.greybox.fit.drive import ChainDrive
+from training.healthy import base, yardstick
+from training.healthy.card import store
+from training.healthy.yardstick import GROUPS_LEAST
+from training.jobs import Progress
 from training.limits.decision_limits import with_limits
 from training.limits.trust import trust_of
 from training.narx.export import update_card
@@ -38,7 +43,7 @@ def complete(
     outcome: FreeRunFit,
     recordings: Sequence[Recording],
     columns: str | Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> tuple[ModelCard, tuple[str, ...]]:
     """Complete the card of the new model that a fit wrote; return it and warnings.
 
@@ -75,6 +80,44 @@ def _times(card: ModelCard, recordings: Sequence[Recording], settings: Config) -
         for each in recordings
     )
     return merged(of_drives, {*card.input_names} - {*settings.enable.range_ignored})
+
+
+def set_reference(
+    path: Path, recordings: Sequence[Recording], progress: Progress = lambda _: None
+) -> tuple[ModelCard, str | None]:
+    """Put the healthy reference into the card of the model in ``path``.
+
+    It is of the physical chain even if the model is a network. A network leaves little of the
+    samples that it was trained on and several times as much of new healthy drives, also of those
+    that its held-out blocks are like; that would be named. The chain with what it misses is learned
+    anew for every group of drives left out, so what healthy drives show against each other is
+    honest.
+
+    recordings : from which the model was fitted, of a healthy vehicle
+    Returns the card and, if there is no reference though the model is one of lambda, why.
+    """
+    card = Model.load(path).card
+    if card.transform != "phi":
+        return card, None
+    start = base.constants_of(card)
+    drives, used, why = list[ChainDrive](), list[Recording](), ""
+    for recording in recordings:
+        try:
+            drives += base.drives_of(path, [recording])
+            used.append(recording)
+        except RecordingError as error:
+            why = f" ({error})"
+    if len(drives) < GROUPS_LEAST:
+        return card, (
+            f"no healthy reference for o2train gap: {len(drives)} of {len(recordings)} recordings "
+            f"can be used, {GROUPS_LEAST} are wanted{why}"
+        )
+    try:
+        with threadpool_limits(1):  # many small matrices
+            known = yardstick.learn(drives, start, progress)
+    except RecordingError as error:
+        return card, f"no healthy reference for o2train gap: {error}"
+    return store(path, known, used), None
 
 
 def tree_of(profile: Profile) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from training.cli.fit import constant_line
 from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.greybox.charge import INPUTS
-from training.healthy import reference
+from training.healthy import new_model
 
 TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1036))  # cold to hot
 
@@ -29,7 +29,7 @@ def training(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def _without_reference() -> Iterator[None]:
     """Leave out what a fit learns for the gap workflow: it takes long and has tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reference, "GROUPS_LEAST", len(TRAINING) + 1)
+        patch.setattr(new_model, "GROUPS_LEAST", len(TRAINING) + 1)
         yield
 
 

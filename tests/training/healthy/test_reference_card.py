@@ -30,7 +30,7 @@ from training.greybox.model import fit_greybox
 from training.healthy import base, yardstick
 from training.healthy.behaviour import Healthy, as_shown
 from training.healthy.card import KEY, from_card, known_of, store, to_card
-from training.healthy.reference import set_reference
+from training.healthy.new_model import set_reference
 from training.narx.export import update_card
 from training.recordings.recording import Recording
 
