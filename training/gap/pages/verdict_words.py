@@ -179,9 +179,7 @@ def _drive(result: Result) -> list[str]:
     experiment = result.naming.answer.experiment
     if experiment is None:
         return ["Record more varied driving and run again."]
-    return [
-        f"To tell them apart record {experiment}. Then run again with the new recordings added.",
-    ]
+    return [f"To tell them apart record {experiment}. Then run again with these, too."]
 
 
 def _describe(result: Result) -> list[str]:

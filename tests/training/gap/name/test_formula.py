@@ -118,6 +118,19 @@ def test_a_share_that_grows_with_a_second_signal_is_found_with_it() -> None:
     assert {signal, second} == {"manifold_temperature_degc", "battery_voltage_v"}
 
 
+def test_a_product_is_found_though_a_third_signal_explains_more_than_either_alone() -> None:
+    # GIVEN a mixture that goes with load times speed, as the air flow nearly does
+    def product(path: Path, signals: dict[str, FloatArray]) -> Path:
+        load, speed = signals["air_mass_mg"] / 370.0, signals["engine_speed_rpm"] / 1900.0
+        return replace(path, factor=path.factor * (1.0 + 0.05 * (load - 0.75) * speed))
+
+    # WHEN a formula is looked for
+    (term,) = found(product)
+    # THEN its two signals are load and speed
+    _, signal, _, _, _, second, *_ = term.name.split(":")
+    assert {signal, second} == {"air_mass_mg", "engine_speed_rpm"}
+
+
 def test_where_no_form_gains_on_held_out_blocks_there_is_no_formula(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

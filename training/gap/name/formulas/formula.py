@@ -13,7 +13,7 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.gap.name.formulas.second_signal import grown, spanned
-from training.gap.name.formulas.signal_screen import NO_CAUSES, left_by_signal
+from training.gap.name.formulas.signal_screen import left_by_signal
 from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
@@ -77,19 +77,15 @@ def formula_of(first: FirstTerm, state: BaseState) -> Formula:
     while len(found) < TERMS_MOST:
         used = {parts_of(c.name).over.signal for c in found}
         more = _next(plain, used, FURTHER_T_LEAST)
-        if more is None or _rmse(*more) > _rmse(found[-1], plain):
+        rmse = held_out_rmse(plain.case, found[-1].fit)
+        if more is None or held_out_rmse(more[1].case, more[0].fit) > rmse:
             break
         term, plain = more
         found.append(term)
     terms = _needed(plain, found)
     pairs = zip(terms, _judged(state, terms), strict=True)
     merited = tuple(replace(c, merit=j.merit) for c, j in pairs)
-    return Formula(merited, _rmse(terms[-1], plain))
-
-
-def _rmse(term: Candidate, plain: BaseState) -> float:
-    """Return the RMSE in phi on held-out blocks with all terms up to one."""
-    return held_out_rmse(plain.case, term.fit)
+    return Formula(merited, held_out_rmse(plain.case, terms[-1].fit))
 
 
 def _next(
@@ -99,7 +95,6 @@ def _next(
     best = _best(plain, used)
     if best is None or best.merit.t < t_least:
         return None
-    best = _growing(plain, best)
     plain = reread(plain, best.fit)
     best = replace(best, fit=fit(plain.case, best.fit.terms, [best.fit]))
     return best, plain.with_fit(best.fit)
@@ -137,22 +132,28 @@ def _judged(state: BaseState, terms: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _best(plain: BaseState, used: Collection[str]) -> Candidate | None:
-    """Return the best form of a signal that is not used yet, None if none gains enough."""
-    terms = _forms(plain, used)
-    if not terms:
-        return None
-    ranking = rank(plain, terms)
+    """Return the best term, growing or not, of an unused signal; None if none gains enough."""
+    ranking = rank(plain, _forms(plain, used))
     ranking = (*ranking, *rank(plain, _placed(ranking)))
-    before = float(plain.deviance.sum())
-    least = min(before - c.merit.score for c in ranking)
-    most = min(NEARLY * least, (1.0 - SHARE_LEAST) * before)
-    good = [c for c in ranking if before - c.merit.score <= most]
-    return min(good, key=lambda c: (len(c.term.parameters), -c.merit.score), default=None)
+    by_signal = dict[str, list[Candidate]]()
+    for each in ranking:
+        by_signal.setdefault(parts_of(each.name).over.signal, []).append(each)
+    grown = [_growing(plain, _simplest(forms)) for forms in by_signal.values()]
+    most = (1.0 - SHARE_LEAST) * float(plain.deviance.sum())
+    good = [c for c in grown if c.left.sum() <= most]
+    return _simplest(good) if good else None
+
+
+def _simplest(terms: Sequence[Candidate]) -> Candidate:
+    """Return the term of fewest constants of those that leave nearly the least."""
+    most = NEARLY * min(float(c.left.sum()) for c in terms)
+    good = [c for c in terms if c.left.sum() <= most]
+    return min(good, key=lambda c: (len(c.term.parameters), -c.merit.score))
 
 
 def _growing(plain: BaseState, best: Candidate) -> Candidate:
     """Return the best term, growing with a second signal if that takes away enough of the rest."""
-    other, blocks = grown(plain, best, NO_CAUSES), plain.case.blocks
+    other, blocks = grown(plain, best), plain.case.blocks
     if other is None:
         return best
     gained = scoring.score(best.left, other.left, scoring.moved(best.fit, other.fit, blocks))

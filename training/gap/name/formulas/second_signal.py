@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from training.gap.name.formulas.signal_functions import functions_of
+from training.gap.name.formulas.signal_screen import NO_CAUSES
 from training.gap.name.ranking import rank
 from training.gap.name.verdict import Candidate
 from training.greybox.effects import Effect
@@ -23,14 +24,13 @@ RANGE: Final = (0.02, 0.98)  # quantiles of a signal that u spans
 STEP: Final = 0.01  # of growth, for derivatives
 
 
-def grown(state: BaseState, term: Candidate, without: Sequence[str]) -> Candidate | None:
+def grown(state: BaseState, term: Candidate) -> Candidate | None:
     """Return a term with the second signal that may explain most, fitted; None if none moves.
 
     state : without the term
-    without : signals that are no second one
     """
     names = dict.fromkeys(f.signal for f in functions_of(state.case.drives))
-    others = [n for n in names if n not in (parts_of(term.name).over.signal, *without)]
+    others = [n for n in names if n not in (parts_of(term.name).over.signal, *NO_CAUSES)]
     moving = [scaled for n in others if (scaled := spanned(state.case.drives, n))]
     effects = [_with_a_second(term, scaled) for scaled in moving]
     best = max(effects, key=lambda each: _explained(state.case, term, each), default=None)
