@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -82,6 +83,8 @@ def run(args: StudyCommand) -> int:
     if wrong or not 0.0 < args.budget < inf:
         wanted = "--starts, --iterations, --samples, --jobs and --budget must be positive"
         raise UsageError(f"{wanted}, --seed at least 0")
+    if find_spec("torch") is None:
+        raise UsageError("torch is not installed: pip install '.[study]' in the project's folder")
     settings = Settings(
         starts=args.starts,
         iterations=args.iterations,

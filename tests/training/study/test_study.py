@@ -238,6 +238,14 @@ def test_recordings_that_do_not_fit_together_are_named(
         assert says in capsys.readouterr().err.strip().splitlines()[-1]
 
 
+def test_without_torch_no_work_is_done(
+    drives: dict[str, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert main(["study", str(drives["morning"]), *SIGNALS, "--out", "never"]) == 2
+    assert "torch is not installed: pip install '.[study]'" in capsys.readouterr().err
+
+
 def candidate(rmse: float, n_weights: int, *, forgets: bool = True) -> dict[str, Any]:
     own = {"validation_rmse": rmse, "n_weights": n_weights, "forgets": forgets}
     return own | {"name": f"{n_weights}", "structure": ""}
