@@ -124,7 +124,8 @@ class TableCheck:
             numbers = f"{rate:>9}{low:>11}{middle:>11}{high:>11}"
         else:
             numbers = " " * 42
-        possible = "to".join(f" {round(each, 3) + 0.0:g} " for each in plausible_range(name))
+        limits = (f"{round(each, 3) + 0.0:g}" for each in plausible_range(name))
+        possible = " to ".join(limits) if name in BY_NAME else "any"
         n = len(values)
         faults = [
             f"{100 * count / n:.1f} % {what}"
@@ -142,7 +143,7 @@ class TableCheck:
             faults += [f"{s:.0%} at {plain(end)}, its end" for end, s in ends if s >= AT_END_SHARE]
         verdict = ", ".join(faults) or "plausible"
         column = f"{self.table.column_of(name):<{width}}"
-        return f"{name:<30}{unit:<11}{column}{numbers}{possible:>16} {verdict}"
+        return f"{name:<30}{unit:<11}{column}{numbers}{possible:>15}  {verdict}"
 
     def _came(self, place: int, outside: BoolArray) -> str:
         """Return in words which values are out of range, and which are wanted."""
