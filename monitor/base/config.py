@@ -164,7 +164,6 @@ class CatalystConfig:
     awake_v: float
     inactive_s: float
     inactive_oxygen_g: float
-    inactive_most_s: float
     wake_most_s: float
     heater_start_s: float
     position: str

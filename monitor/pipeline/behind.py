@@ -1,7 +1,6 @@
 """The catalyst in a table without the model's signals, judged by how the rear sensor moves."""
 
 import math
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -54,13 +53,12 @@ def judge_behind(
 def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
     """Let the circuit test judge the voltage; without a sign of lean gas all gas may be lean.
 
-    Without the air flow a voltage at rest may be that of a logger that repeats it.
+    Without the air flow nothing tells of a voltage at rest: a logger may repeat it.
     """
     wanted = (VOLTAGE, FRONT, OUTPUT, CUT, ENGINE)
     block = table_block(table, [name for name in wanted if name in table.names])
     at = {name: block.values[:, i] for i, name in enumerate(n for n in wanted if n in table.names)}
     n = len(block.t_ns)
-    own = replace(config, catalyst=replace(config.catalyst, inactive_most_s=math.inf))
     if OUTPUT in at:
         x = 1.0 - 1.0 / at[OUTPUT]
     elif FRONT in at:
@@ -73,7 +71,7 @@ def _judge_circuit(table: Table, store: DtcStore, config: Config) -> None:
     if ENGINE in at:
         runs = at[ENGINE] >= config.plausibility.engine_running_rpm
     period_s = float(np.median(np.diff(block.t_ns))) / 1e9 if n > 1 else 1.0
-    circuit, counters = RearCircuit(own, period_s), Counters((CIRCUIT,), config, store)
+    circuit, counters = RearCircuit(config, period_s), Counters((CIRCUIT,), config, store)
     running = (np.cumsum(runs) * runs).tolist()
     for k, sample in enumerate(zip(at[VOLTAGE].tolist(), x.tolist(), running, strict=True)):
         volts, lean, run = sample

@@ -119,12 +119,12 @@ class RearCircuit:
         elif self.can_judge_heater and self.awake_s and (self._was_regulated or not is_late):
             yield HEATER, ""
         may_be_cold = self._said.get(HEATER) == HEATER
-        full = self._most_lean_g >= config.inactive_oxygen_g and held["rest"] >= config.inactive_s
+        is_unmoved = self._most_lean_g >= config.inactive_oxygen_g
         if held["high"] >= config.circuit_s:
             yield CIRCUIT, HIGH
         elif held["low"] >= config.circuit_s:
             yield CIRCUIT, LOW
-        elif (full or held["rest"] >= config.inactive_most_s) and not may_be_cold:
+        elif is_unmoved and held["rest"] >= config.inactive_s and not may_be_cold:
             yield CIRCUIT, INACTIVE
         elif held["lively"] >= config.circuit_pass_s:
             yield CIRCUIT, ""

@@ -70,8 +70,8 @@ def test_a_voltage_with_an_offset_of_its_ground_is_a_fault_of_the_circuit() -> N
 
 
 def test_a_sensor_that_reads_nothing_in_long_fuel_cuts_is_not_shorted() -> None:
-    drive = a_drive()
-    drive["volts"] = np.where(drive["x"] > 0.5, 0.0, drive["volts"])
+    drive, cut = a_drive(), slice(1000, 1300)  # 30 s
+    drive["volts"][cut], drive["x"][cut] = 0.0, 0.95
     assert "downstream_low" not in {fault for *_, fault in decided(drive)}
 
 
@@ -142,7 +142,7 @@ def test_behind_an_empty_can_the_rear_sensor_repeats_the_front_sensor() -> None:
 def test_a_catalyst_that_stores_lets_only_long_excursions_pass() -> None:
     activity = judged(stores=True)
     assert activity.claim().outcome == "passed"
-    assert activity.followed < 0.3 * activity.trials
+    assert activity.followed < 0.1 * activity.trials  # the long ones are no trials
 
 
 @pytest.mark.parametrize("stores", [True, False])
