@@ -154,11 +154,11 @@ class BiasRule:
     def _verdict(self, offset: float, beyond: float) -> tuple[Outcome, str | None]:
         """Return outcome and fault after a window that counts."""
         config = self._config
-        if math.isfinite(self._step_most):  # an offset may have begun within the drive
-            healthy = 0.5 * (self._low + self._high)
-            step, sure = self._course.step(self._step_most, healthy, self._window_std, config)
-            if sure > config.certainty:
-                return "failed", self._named(is_lean=step > 0.0)
+        healthy = 0.5 * (self._low + self._high)
+        # an offset may have begun within the drive
+        step, sure = self._course.step(self._step_most, healthy, self._window_std, config)
+        if sure > config.certainty:
+            return "failed", self._named(is_lean=step > 0.0)
         if self.windows < config.n_windows or 0.0 <= beyond <= config.certainty:
             return "inconclusive", None
         if beyond < 0.0:

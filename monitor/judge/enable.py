@@ -183,9 +183,8 @@ class Range(NamedTuple):
 
 
 def settings_for(config: EnableConfig, card: ModelCard) -> EnableConfig:
-    """Return the settings for a model: one with a memory longer than a window settles as long."""
-    remembered = card.memory_samples if card.memory_samples > card.window_samples else 0
-    settle = max(config.model_settle_samples, remembered)
+    """Return the settings for a model, which settles at least as long as it remembers."""
+    settle = max(config.model_settle_samples, card.memory_samples)
     return replace(config, model_settle_samples=settle)
 
 

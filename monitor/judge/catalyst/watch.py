@@ -84,9 +84,8 @@ def _estimates(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResul
     limit_s = math.sqrt(max(config.sensor_sound_lags_s) * min(config.sensor_slow_lags_s))
     for edge, lag_s in rule.sensor_lags().items():
         yield TestResult("downstream", f"lag_{edge}_s", lag_s, 0.0, limit_s)
-    if math.isfinite(rule.low_v):
-        yield TestResult("downstream", "least_v", rule.low_v, config.circuit_low_v, config.lean_v)
-        yield TestResult("downstream", "most_v", rule.high_v, config.rich_v, config.circuit_high_v)
+    yield TestResult("downstream", "least_v", rule.low_v, config.circuit_low_v, config.lean_v)
+    yield TestResult("downstream", "most_v", rule.high_v, config.rich_v, config.circuit_high_v)
     sound = config.offset_sound_phi
     yield TestResult("balance", "upstream_offset_phi", -rule.offset(), -sound, sound)
 

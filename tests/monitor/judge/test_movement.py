@@ -104,6 +104,25 @@ def test_holds_of_three_seconds_in_twelve_are_found_within_ninety_seconds() -> N
     assert HOLDS in found[:24]
 
 
+@pytest.mark.parametrize(("every", "fault"), [(2, HOLDS), (40, None)])
+def test_holds_that_come_seldom_do_not_add_up_over_a_long_drive(
+    every: int, fault: str | None
+) -> None:
+    healthy = mixture(800, 0.02)
+    measured = noisy(healthy)
+    measured[::every, 10:40] = measured[::every, 10:11]
+    assert faults(measured, healthy)[-1] == fault
+
+
+def test_a_sensor_that_lives_again_is_told_within_a_minute() -> None:
+    healthy = mixture(140, 0.02)
+    measured = noisy(healthy)
+    measured[:120] = noisy(np.ones((120, N)))
+    found = faults(measured, healthy)
+    assert found[119] == DEAD
+    assert not any(found[132:])
+
+
 def test_a_coarse_logger_is_no_intermittent_sensor() -> None:
     healthy = mixture(300, 0.02)
     assert not any(faults(np.round(noisy(healthy) / 0.007) * 0.007, healthy))

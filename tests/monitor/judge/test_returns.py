@@ -63,6 +63,14 @@ def test_a_reading_of_air_is_no_default_value_unless_fuel_burns() -> None:
     assert decisions(cuts)
 
 
+def test_where_nothing_tells_a_fuel_cut_no_value_is_a_default_value() -> None:
+    output = Channel("lambda_measured", "-", 0.7, 1.4, 0.7, 1.4)
+    tests = ElectricalTests(config.shipped(), ("lambda_measured",), output, 0.1)
+    values = with_drops(live(), [1.36] * 25)[:, np.newaxis]
+    found, _ = tests.push(values, np.zeros(values.shape, np.uint8), np.full(len(values), True))
+    assert RETURNS not in [result for _, result in found]
+
+
 def test_drops_that_go_on_after_a_tester_cleared_the_codes_are_found_again() -> None:
     # GIVEN a sensor that drops to one value again and again, and a test that has found it
     names = ("lambda_measured", "fuel_cut")
