@@ -1,6 +1,7 @@
 """One injected fault: name, severity and time span."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -73,3 +74,10 @@ class Injection:
         end = f" to {self.end_s:g} s" if math.isfinite(self.end_s) else ""
         begin = f" from {self.start_s:g} s" if self.start_s or end else ""
         return f"{self.name}={self.severity:g}{begin}{end}"
+
+
+def check_begun(injections: Iterable[Injection], end_ns: int) -> None:
+    """Raise UsageError if a drive ends, this long after its first frame, before a fault begins."""
+    for each in injections:
+        if each.start_s * 1e9 > end_ns:
+            raise UsageError(f"fault {each}: begins after the drive's end, {end_ns / 1e9:.0f} s")

@@ -21,7 +21,7 @@ from monitor.decode.obd_answers import ANSWER
 from monitor.decode.parameter_groups import mask_of
 from monitor.frames.loop_frames import is_own
 from monitor.inject.frame_faults import FrameFaults
-from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
+from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection, check_begun
 from monitor.inject.rewrite import MessageWriter, writers
 
 READY: Final = "sensor_ready"
@@ -98,7 +98,7 @@ class Injector:
         self._groups = [(k[0], mask_of(k[0]), k) for k, w in self._writers.items() if w.any_source]
         answers = EngineAnswers(keys_of(c.message for c in bus_map.channels.values()))
         self._groups += [(*group, (ANSWER, False)) for group in answers.groups]
-        self.counts = InjectionCounts()
+        self.counts, self._injections = InjectionCounts(), injections
         self._sensor = [
             SensorReading(what, f"{seed}/{number}")
             for number, what in enumerate(injections)
@@ -152,9 +152,12 @@ class Injector:
         return out
 
     def stream(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """Yield all outgoing frames of a log."""
+        """Yield all outgoing frames of a log; raise UsageError if it ends before a fault begins."""
+        last_ns = 0
         for frame in frames:
+            last_ns = max(last_ns, frame.t_ns)
             yield from self.push(frame)
+        check_begun(self._injections, last_ns - (self._t0_ns or 0))
         yield from self.flush()
 
     def _passed(self, frame: Frame, since_ns: int) -> list[Frame]:

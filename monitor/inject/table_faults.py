@@ -19,7 +19,7 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
 from monitor.grid.tables import TIME, Table
-from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection
+from monitor.inject.injection import FRAME_FAULTS, INVALID, Injection, check_begun
 from monitor.inject.injector import SensorReading
 
 SUFFIX = ".csv"
@@ -31,13 +31,15 @@ def with_faults(table: Table, injections: Sequence[Injection], seed: int = 0) ->
     """Return a table with faults on its lambda, and the number of rows that they change.
 
     Times of the faults count from the first row.
-    Raises UsageError for a fault of frames, RecordingError for a table without a lambda.
+    Raises UsageError for a fault of frames or one that begins after the last row, RecordingError
+    for a table without a lambda.
     """
     if OUTPUT not in table.names:
         raise RecordingError(f"{table.path}: has no {OUTPUT} to put a fault into")
     for each in injections:
         if each.name in OF_FRAMES:
             raise UsageError(f"{table.path}: {each.name} is a fault of frames, this is a table")
+    check_begun(injections, int(table.t_ns[-1] - table.t_ns[0]))
     place, values = table.names.index(OUTPUT), table.values.copy()
     pinned = np.zeros(len(values), bool) if table.pinned is None else table.pinned[:, place]
     faults = [SensorReading(each, f"{seed}/{n}") for n, each in enumerate(injections)]

@@ -121,14 +121,15 @@ def test_a_sensor_fault_changes_signals_and_checksum_only(values: list[float], n
 
 @given(readings)
 def test_a_fault_that_does_nothing_leaves_every_bit(values: list[float]) -> None:
-    # GIVEN a lag much faster than the frames, noise below half a step, one that has not begun
+    # GIVEN a lag much faster than the frames, noise below half a step
     frames = lambda_frames(values)
-    for nothing in (
-        Injection("slow_symmetric", 1e-9),
-        Injection("noise", 1e-9),
-        Injection("gain_low", 0.5, start_s=1e6),
-    ):
+    for nothing in (Injection("slow_symmetric", 1e-9), Injection("noise", 1e-9)):
         assert injected(frames, nothing) == frames
+    # AND one that begins with the last frame; a later one is a mistake
+    last_s = (frames[-1].t_ns - frames[0].t_ns) / 1e9
+    assert injected(frames, Injection("gain_low", 0.5, start_s=last_s))[:-1] == frames[:-1]
+    with pytest.raises(UsageError, match="begins after the drive's end"):
+        injected(frames, Injection("gain_low", 0.5, start_s=last_s + 0.001))
 
 
 @pytest.mark.parametrize("name", ["biased_lean", "gain_low", "delay_symmetric"])

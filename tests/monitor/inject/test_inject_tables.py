@@ -99,6 +99,7 @@ def test_a_column_whose_name_has_a_comma_stays_one_column(tmp_path: Path) -> Non
         ("frame_loss", "out.csv", "frame_loss is a fault of frames, this is a table"),
         ("signal_missing", "out.csv", "signal_missing is a fault of frames, this is a table"),
         ("signal_invalid", "out.csv", "signal_invalid is a fault of frames, this is a table"),
+        ("gain_low=0.5@9999", "out.csv", "gain_low=0.5 from 9999 s: begins after the drive's end"),
         ("gain_low", "out.log", "out.log: a changed table is written as .csv"),
         ("gain_low", "drive.csv", "is read, too; choose another file to write"),
     ],
