@@ -142,10 +142,10 @@ def test_a_model_too_poor_to_judge_its_own_healthy_car_says_so(
     assert recording["samples"] > 19_000
     assert len(recording["windows"]) > 100
     assert re.search(
-        "not judged: response: tried on . drives, the model finds none of its faults", out
+        "not judged: response: tried on 1 drive, the model finds none of its faults", out
     )
     page = mx5_model.with_suffix(".html").read_text()  # of the fit
-    assert re.search("The model knows too little: tried on . drives, this model finds 0 of", page)
+    assert re.search("The model knows too little: tried on 1 drive, this model finds 0 of", page)
     assert "in its range for 62 % of the time: engine_speed_rpm is below 950 1/min" in out
 
 
