@@ -46,7 +46,8 @@ class Counters:
         if not after.failed and not after.passed:
             return ()
         self.decided.add(test)
-        counted = [Counted(t_ns, "numerator")] if is_new and self._store.count_judged(test) else []
+        counts = is_new and self._store.count_judged(test)
+        counted = [Counted(t_ns, "numerator", test)] if counts else []
         if failed:
             self.named[test] = fault
             codes = codes_on(fault, close_coupled=self._config.catalyst.close_coupled)

@@ -68,6 +68,7 @@ class Counted:
 
     t_ns: int
     what: Literal["ignition_cycle", "warm_up", "general_denominator", "numerator"]
+    test: str = ""  # of a numerator
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ COUNTS: Final = {
     "ignition_cycle": "an ignition cycle is counted",
     "warm_up": "a warm-up is counted",
     "general_denominator": "a drive that counts for the in-use ratios",
-    "numerator": "a completed test is counted for its in-use ratio",
+    "numerator": "the test of {test} is completed and counts for its in-use ratio",
 }
 
 
@@ -63,7 +63,8 @@ def event_line(event: Happening, collector: Collector) -> str:
     if isinstance(event, CycleStarted):
         return f"{collector.seconds(event.t_ns):8.1f} s  a driving cycle begins"
     if isinstance(event, Counted):
-        return f"{collector.seconds(event.t_ns):8.1f} s  {COUNTS[event.what]}"
+        what = COUNTS[event.what].format(test=event.test)
+        return f"{collector.seconds(event.t_ns):8.1f} s  {what}"
     if isinstance(event, DtcChanged):
         dtc = event.dtc
         state: str = dtc.state or "is not set"

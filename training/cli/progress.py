@@ -86,7 +86,7 @@ class Share(Progress):
         best = f"best error {self._best:.4f}" if math.isfinite(self._best) else ""
         self._bar.set_postfix_str(best, refresh=False)
         self._bar.update(round(PARTS * done) - self._bar.n)
-        if done > 0.0:
+        if round(100 * done):  # before, the pace is not known
             left_s = self.elapsed_s * (1.0 - done) / done
             told = f"{100 * done:.0f} % done, {left_s:.0f} s left", best
             self.tell(f"{self._what}: {', '.join(filter(None, told))}")
