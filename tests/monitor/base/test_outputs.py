@@ -109,7 +109,7 @@ ALLOWED = {
     "training/jobs/model_bytes.py",
     "training/fleet/worker_kit.py",
     "training/fleet/places.py",
-    "training/fleet/chunk_rows.py",
+    "training/fleet/run.py",
     "training/narx/export.py",
     "training/recordings/files/table_files.py",
     "training/recordings/files/mf4_log.py",
