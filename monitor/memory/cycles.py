@@ -7,10 +7,14 @@ and (d)(5.5) (ignition cycle); UN R83 annex 11. Time comes with the samples.
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Final, Literal, NamedTuple
 
+import numpy as np
+
 from monitor.base.config import CyclesConfig, ProfileConfig
-from monitor.base.types import Quality, SampleBlock
+from monitor.base.runs import alike
+from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, SampleBlock
 
 # each with the value that stands for it where it is not provided: nothing is then known of speed
 # and coolant, and the air is neither too cold nor too thin
@@ -90,25 +94,28 @@ class Cycles:
     def push(self, block: SampleBlock) -> Counting:
         """Return the counts due on samples, at each a new driving cycle first."""
         found, n = Counting([], []), len(block.t_ns)
-        columns = (
-            [absent] * n if place is None else block.values[:, place].tolist()
+        if not n:
+            return found
+        speed_rpm, *signals = (
+            np.full(n, absent) if place is None else block.values[:, place]
             for place, absent in zip(self._places, _ABSENT.values(), strict=True)
         )
-        heard = block.quality[:, self._heard].tolist()
-        samples = zip(block.t_ns.tolist(), heard, *columns, strict=True)
-        for k, (t_ns, quality, speed_rpm, *others) in enumerate(samples):
-            step_ns = 0 if self._last_ns is None else max(t_ns - self._last_ns, 0)
-            self._last_ns = t_ns
-            runs = speed_rpm >= self._running_rpm
-            if not self._has_speed:
-                runs = quality != _SILENT and quality not in _UNKNOWN
-            if runs:
-                self._run(k, step_ns, others, found)
+        quality = block.quality[:, self._heard]
+        is_silent, known = quality == _SILENT, ~np.isin(quality, _UNKNOWN)
+        runs = speed_rpm >= self._running_rpm if self._has_speed else known & ~is_silent
+        before_ns = block.t_ns[0] if self._last_ns is None else self._last_ns
+        steps_ns = np.maximum(np.diff(block.t_ns, prepend=before_ns), 0)
+        self._last_ns = int(block.t_ns[-1])
+        for begin, end, engine_runs in alike(runs):
+            part = slice(begin, end)
+            if engine_runs:
+                self._run(begin, steps_ns[part], [signal[part] for signal in signals], found)
                 continue
             self._idle_ns = 0
-            if quality not in _UNKNOWN:
-                is_standing = not math.isnan(speed_rpm)
-                self._stand(step_ns, is_silent=quality == _SILENT, is_standing=is_standing)
+            for k in begin + np.flatnonzero(known[part]):
+                is_standing = not math.isnan(speed_rpm[k])
+                self._stand(int(steps_ns[k]), is_silent=is_silent[k], is_standing=is_standing)
+        found.moments.sort(key=itemgetter(0))
         return found
 
     def _stand(self, step_ns: int, *, is_silent: bool, is_standing: bool) -> None:
@@ -118,73 +125,81 @@ class Cycles:
         self._was_asleep |= self._silence_ns >= 1e9 * self._config.silent_s
         self._stood |= self._was_asleep and is_standing
 
-    def _run(self, k: int, step_ns: int, signals: Sequence[float], found: Counting) -> None:
-        """Take a sample in which the engine runs; ``signals`` are those behind the engine speed.
+    def _run(
+        self, first: int, steps_ns: IntArray, signals: Sequence[FloatArray], found: Counting
+    ) -> None:
+        """Take samples in which the engine runs; ``signals`` are those behind the engine speed.
 
         The very first start belongs to the driving cycle that has begun already.
         """
         speed_km_h, coolant_degc, ambient_degc, pressure_kpa = signals
-        starts = not self._has_run or self._stopped_ns > 0
-        if starts:
-            is_long = self._stopped_ns >= 1e9 * self._config.engine_off_s
+        config = self._config
+        if not self._has_run or self._stopped_ns > 0:
+            is_long = self._stopped_ns >= 1e9 * config.engine_off_s
             if self._has_run and (self._stood or is_long):
                 self._begin()
-                found.moments.append((k, "driving_cycle"))
+                found.moments.append((first, "driving_cycle"))
             self._has_run = True
             self._stop()
-            step_ns = self._start_ns = self._idle_ns = 0  # the time since the last is not driven
-        self._start_ns += step_ns
-        due = self._due
-        if "ignition_cycle" in due and self._start_ns >= 1e9 * self._config.start_s:
-            self._count("ignition_cycle", k, found)
-        if "warm_up" in due and self._is_warm(coolant_degc):
-            self._count("warm_up", k, found)
-        if "general_denominator" in due and not starts:
-            fits = (
-                ambient_degc >= self._config.denominator_ambient_min_degc
-                and pressure_kpa >= self._config.denominator_pressure_min_kpa
-            )
-            if self._is_general(step_ns, speed_km_h, fits=fits):
-                self._count("general_denominator", k, found)
-        self._drive(k, step_ns, speed_km_h, found)
+            self._start_ns = self._idle_ns = 0
+            steps_ns = steps_ns.copy()
+            steps_ns[0] = 0  # the time since the last is not driven
+        run_ns = self._start_ns + np.cumsum(steps_ns)
+        self._start_ns = int(run_ns[-1])
+        reached: dict[Moment, BoolArray] = {"ignition_cycle": run_ns >= 1e9 * config.start_s}
+        if "warm_up" in self._due:
+            reached["warm_up"] = self._is_warm(coolant_degc)
+        if "general_denominator" in self._due:
+            fits = ambient_degc >= config.denominator_ambient_min_degc
+            fits &= pressure_kpa >= config.denominator_pressure_min_kpa
+            reached["general_denominator"] = self._is_general(steps_ns, speed_km_h, fits)
+        for moment, is_reached in reached.items():
+            if moment in self._due and is_reached.any():
+                self._due.remove(moment)
+                found.moments.append((first + int(is_reached.argmax()), moment))
+        self._drive(first, steps_ns, speed_km_h, found)
 
-    def _count(self, moment: Moment, k: int, found: Counting) -> None:
-        self._due.remove(moment)
-        found.moments.append((k, moment))
-
-    def _is_warm(self, coolant_degc: float) -> bool:
-        """Return whether the coolant is warm and has risen enough since the engine's start."""
+    def _is_warm(self, coolant_degc: FloatArray) -> BoolArray:
+        """Return where the coolant is warm and has risen enough since the engine's start."""
         if math.isnan(self._first_degc):
-            self._first_degc = coolant_degc
+            known = coolant_degc[~np.isnan(coolant_degc)]
+            self._first_degc = float(known[0]) if len(known) else math.nan
         rise_degc, profile = coolant_degc - self._first_degc, self._profile
-        return coolant_degc >= profile.warm_up_degc and rise_degc >= profile.warm_up_rise_degc
+        is_risen = rise_degc >= profile.warm_up_rise_degc
+        return np.asarray(is_risen & (coolant_degc >= profile.warm_up_degc))
 
-    def _is_general(self, step_ns: int, speed_km_h: float, *, fits: bool) -> bool:
-        """Return whether the drive was long enough, fast enough and idle once.
+    def _is_general(self, steps_ns: IntArray, speed_km_h: FloatArray, fits: BoolArray) -> BoolArray:
+        """Return where the drive has been long enough, fast enough and idle once.
 
         fits : neither too cold nor too high
         """
         config = self._config
-        is_idle = fits and speed_km_h <= config.denominator_idle_km_h
-        self._idle_ns = self._idle_ns + step_ns if is_idle else 0
-        self._has_idled |= self._idle_ns >= 1e9 * config.denominator_idle_s
-        if not fits:
-            return False
-        self._fit_ns += step_ns
-        self._moving_ns += step_ns * (speed_km_h >= config.denominator_moving_km_h)
-        return (
-            self._has_idled
-            and self._fit_ns >= 1e9 * config.denominator_run_s
-            and self._moving_ns >= 1e9 * config.denominator_moving_s
-        )
+        is_idle = fits & (speed_km_h <= config.denominator_idle_km_h)
+        idle_ns = self._idle_ns + np.cumsum(steps_ns * is_idle)
+        idle_ns -= np.maximum.accumulate(np.where(is_idle, 0, idle_ns))  # of the latest one
+        self._idle_ns = int(idle_ns[-1])
+        idled = np.maximum.accumulate(idle_ns) >= 1e9 * config.denominator_idle_s
+        idled |= self._has_idled
+        self._has_idled = bool(idled[-1])
+        is_moving = fits & (speed_km_h >= config.denominator_moving_km_h)
+        fit_ns = self._fit_ns + np.cumsum(steps_ns * fits)
+        moving_ns = self._moving_ns + np.cumsum(steps_ns * is_moving)
+        self._fit_ns, self._moving_ns = int(fit_ns[-1]), int(moving_ns[-1])
+        is_long = fit_ns >= 1e9 * config.denominator_run_s
+        is_long &= moving_ns >= 1e9 * config.denominator_moving_s
+        return np.asarray(fits & idled & is_long)
 
-    def _drive(self, k: int, step_ns: int, speed_km_h: float, found: Counting) -> None:
+    def _drive(
+        self, first: int, steps_ns: IntArray, speed_km_h: FloatArray, found: Counting
+    ) -> None:
         """Count running time and distance whenever a whole second has passed."""
-        second = self._run_ns // _SECOND_NS
-        self._run_ns += step_ns
-        if speed_km_h > 0.0:
-            self._run_km += speed_km_h * step_ns * _HOURS_PER_NS
-        if self._run_ns // _SECOND_NS > second:
-            run_s = (self._run_ns - self._told_ns) * 1e-9
-            found.driven.append((k, Driven(run_s, self._run_km - self._told_km)))
-            self._told_ns, self._told_km = self._run_ns, self._run_km
+        run_ns = np.cumsum(np.concatenate([[self._run_ns], steps_ns]))
+        driven_km = np.where(speed_km_h > 0.0, speed_km_h * steps_ns * _HOURS_PER_NS, 0.0)
+        run_km = np.cumsum(np.concatenate([[self._run_km], driven_km]))
+        self._run_ns, self._run_km = int(run_ns[-1]), float(run_km[-1])
+        at = np.flatnonzero(np.diff(run_ns // _SECOND_NS))
+        driven = at.tolist(), run_ns[at + 1].tolist(), run_km[at + 1].tolist()
+        for k, now_ns, now_km in zip(*driven, strict=True):
+            run_s = (now_ns - self._told_ns) * 1e-9
+            found.driven.append((first + k, Driven(run_s, now_km - self._told_km)))
+            self._told_ns, self._told_km = now_ns, now_km
