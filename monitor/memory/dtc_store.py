@@ -26,7 +26,6 @@ from monitor.memory.dtc import FRESH, Dtc, Status
 from monitor.memory.obd_records import Counts, FreezeFrame, Ratio, TestResult
 
 RATIO_MOST = 0xFFFF  # when a counter of a ratio reaches it, numerator and denominator are halved
-_LAMP = int(Status.WARNING_INDICATOR)  # an int: testing its bits is ten times faster
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +51,7 @@ class DtcStore:
     def __init__(self, saved: Saved | None = None, profile: ProfileConfig | None = None) -> None:
         saved = saved or Saved()
         self._profile = profile or shipped().profile
-        self._dtcs = {c: Dtc(c) for c in every()}
-        self._dtcs |= {dtc.code: dtc for dtc in saved.dtcs}
+        self._hold({c: Dtc(c) for c in every()} | {dtc.code: dtc for dtc in saved.dtcs})
         self._frames = {frame.code: frame for frame in saved.freeze_frames}
         self._permanent = dict(saved.permanent)
         self._results = {(r.test, r.quantity): r for r in saved.results}
@@ -70,7 +68,7 @@ class DtcStore:
 
     def admit(self) -> None:
         """Hold the codes of plug-ins, too, that became known since."""
-        self._dtcs = {c: Dtc(c) for c in every()} | self._dtcs
+        self._hold({c: Dtc(c) for c in every()} | self._dtcs)
 
     def judge_memory(self, t_ns: int) -> list[Dtc]:
         """Judge the memory on disk, once in a driving cycle; return the codes that changed."""
@@ -176,8 +174,13 @@ class DtcStore:
 
     def _update(self, new: dict[str, Dtc]) -> list[Dtc]:
         changed = [dtc for code, dtc in new.items() if dtc != self._dtcs[code]]
-        self._dtcs |= new
+        self._hold(self._dtcs | new)
         return changed
+
+    def _hold(self, dtcs: dict[str, Dtc]) -> None:
+        self._dtcs = dtcs
+        # whether a code turns the malfunction indicator lamp on
+        self.mil = any(dtc.status & Status.WARNING_INDICATOR for dtc in dtcs.values())
 
     def report(self, results: Sequence[TestResult]) -> None:
         """Keep the latest results of a test with their limits."""
@@ -214,7 +217,7 @@ class DtcStore:
     def count_warm_up(self) -> None:
         """Count a warm-up cycle."""
         self.counts.warm_ups_since_clear += 1
-        self._dtcs = {code: dtc.warm_up() for code, dtc in self._dtcs.items()}
+        self._hold({code: dtc.warm_up() for code, dtc in self._dtcs.items()})
 
     def drive(self, engine_run_s: float, distance_km: float) -> None:
         """Count a stretch of driving."""
@@ -239,11 +242,6 @@ class DtcStore:
     def fault_flag(self) -> bool:
         """Return True if a code of the vehicle is pending or confirmed."""
         return any(d.state and d.fault not in OF_MONITOR for d in self.all)
-
-    @property
-    def mil(self) -> bool:
-        """Return True if a code turns the malfunction indicator lamp on."""
-        return any(int(dtc.status) & _LAMP for dtc in self._dtcs.values())
 
     @property
     def freeze_frames(self) -> Mapping[str, FreezeFrame]:
