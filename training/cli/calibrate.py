@@ -1,10 +1,9 @@
 """The command ``o2train calibrate``: set the decision limits of a model."""
 
-import sys
 from typing import Annotated
 
 from monitor.base.command_line.parameters import Output, Recordings, SettingsFile
-from training.cli.options import ModelPath, NewModel, Page, ReadOptions, load_all
+from training.cli.options import ModelPath, NewModel, Page, ReadOptions, load_all, warn
 
 EXAMPLES = """examples:
   o2train calibrate --model model.onnx --healthy drives/*_healthy.log
@@ -64,8 +63,7 @@ def run(
     card, result = calibrate(model, good, bad, config.load(settings.config))
     result |= emissions
     update_card(model, card, goal)
-    for warning in result["warnings"]:
-        print(f"o2train: warning: {warning}", file=sys.stderr)
+    warn(result["warnings"])
     print(as_text(result))
     if json:
         write_json(json, result, indent=1)

@@ -1,6 +1,5 @@
 """The command ``o2train fit``."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from training.cli.options import (
     SomeRecordings,
     inputs_of,
     load_all,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -85,24 +85,19 @@ def run(args: FitCommand) -> int:
     """
     from training.api.models import Fit
     from training.cli.progress import Progress
-    from training.narx.fit import FitResult
     from training.narx.page.fit_verdict import fit_verdict
     from training.recordings.recording import check_each_once
 
     options = _options(args)
     recordings = load_all(args, args.recordings, args.period)
     check_each_once(recordings)
-    fit = _narx if args.kind == "narx" else _greybox
-    outcome = fit(args, recordings, options)
-    with Progress(None, unit="step") as bar:
+    outcome = _fitted(args, recordings, options)
+    with Progress(unit="step") as bar:
         fitted = Fit.of(outcome, recordings, args.columns, bar.step)
-    _tell_reference(fitted.card)
-    for warning in fitted.warnings:
-        print(f"o2train: warning: {warning}", file=sys.stderr)
-    if isinstance(outcome, FitResult):
-        _print_narx(outcome)
-    else:
-        _print_greybox(outcome)
+    if learned := fitted.card.reference.get("gap"):
+        print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
+    warn(fitted.warnings)
+    _print(outcome)
     fitted.write_report(_report(args))
     _print_measures(fitted.card)
     print(fit_verdict(fitted.card)[0])
@@ -141,57 +136,37 @@ def _options(args: FitCommand) -> "FitOptions":
     )
 
 
-def _narx(args: FitCommand, recordings: "list[Recording]", options: "FitOptions") -> "FitResult":
+def _fitted(
+    args: FitCommand, recordings: "list[Recording]", options: "FitOptions"
+) -> "FitResult | GreyboxResult":
     from monitor.base.signals import OUTPUT
-    from training.cli.progress import Budget
+    from training.cli.progress import Budget, Share
+    from training.greybox.model import fit_greybox
     from training.narx.fit import FitSource, fit
 
-    source = FitSource(recordings, inputs_of(args, recordings), args.output or OUTPUT)
-    with Budget(args.budget) as bar:
-        return fit(source, args.out, replace(options, progress=bar.spend, tried=bar.tried))
+    output = args.output or OUTPUT
+    if args.kind == "greybox":
+        with Share("grey-box fit") as bar:
+            how: dict[str, Any] = {"seed": args.seed, "progress": bar.update}
+            return fit_greybox(recordings, args.out, inputs=args.inputs, output=output, **how)
+    source = FitSource(recordings, inputs_of(args, recordings), output)
+    with Budget(args.budget) as spent:
+        return fit(source, args.out, replace(options, progress=spent.spend, tried=spent.tried))
 
 
-def _greybox(
-    args: FitCommand, recordings: "list[Recording]", options: "FitOptions"
-) -> "GreyboxResult":
-    from monitor.base.signals import OUTPUT
-    from training.cli.progress import Share
-    from training.greybox.model import fit_greybox
-
-    with Share("grey-box fit") as bar:
-        return fit_greybox(
-            recordings,
-            args.out,
-            inputs=args.inputs,
-            output=args.output or OUTPUT,
-            seed=options.seed,
-            progress=bar.update,
-        )
-
-
-def _tell_reference(card: "ModelCard") -> None:
-    if learned := card.reference.get("gap"):
-        print(f"healthy reference of o2train gap: {len(learned['recordings'])} recordings")
-
-
-def _print_narx(result: "FitResult") -> None:
+def _print(result: "FitResult | GreyboxResult") -> None:
+    from training.narx.fit import FitResult
     from training.narx.network import describe
 
-    spec = result.chosen.model.spec
-    n = len(result.data.role)
-    if result.tries:
-        members = result.chosen.model.members
-        mean = f", the mean of {members} trainings" if members > 1 else ""
-        print(f"chosen of {len(result.tries)} structures: {describe(spec)}{mean}")
-    print(
-        f"{result.path}: {n} samples, {result.chosen.model.spec.n_weights} weights, "
-        f"{result.seconds:.0f} s"
-    )
-
-
-def _print_greybox(result: "GreyboxResult") -> None:
-    n = len(result.data.role)
-    print(f"{result.path}: {n} samples, grey-box chain, {result.seconds:.0f} s")
+    told = f"{result.path}: {len(result.data.role)} samples"
+    if isinstance(result, FitResult):
+        model = result.chosen.model
+        if result.tries:
+            mean = f", the mean of {model.members} trainings" if model.members > 1 else ""
+            print(f"chosen of {len(result.tries)} structures: {describe(model.spec)}{mean}")
+        print(f"{told}, {model.spec.n_weights} weights, {result.seconds:.0f} s")
+        return
+    print(f"{told}, grey-box chain, {result.seconds:.0f} s")
     for name, constant in result.card.structure["constants"].items():
         print(constant_line(name, constant))
     for effect in result.greybox.own:

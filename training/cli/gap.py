@@ -2,14 +2,13 @@
 
 import argparse
 import gc
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line.parameters import Number, Recordings
-from training.cli.options import Folder, GridOptions, ModelPath, load_all
+from training.cli.options import Folder, GridOptions, ModelPath, load_all, warn
 
 if TYPE_CHECKING:
     from training.gap.result import Result
@@ -97,10 +96,9 @@ def run(args: GapCommand) -> int:
     period_s = args.period if args.period is not None else card.period_ns / 1e9
     roles = (args.recordings, args.healthy, args.verify)
     material = Material(args.model, *(load_all(args, each, period_s, card) for each in roles))
-    with Progress(None, unit="step") as bar:
+    with Progress(unit="step") as bar:
         result = investigate(material, args.out, options, progress=bar.step)
-    for warning in cautions(result):
-        print(f"o2train: warning: {warning}", file=sys.stderr)
+    warn(cautions(result))
     save(result, args.out / RESULT)
     gap_page.save(result, args.out / REPORT)
     _print(result, args.out)

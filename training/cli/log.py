@@ -5,7 +5,7 @@ from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import BusFiles, ColumnNames, Input
-from training.cli.options import Length
+from training.cli.options import Length, warn
 
 EXAMPLES = """examples:
   o2train log drive.csv --out drive.log
@@ -31,8 +31,6 @@ def run(
     start : time of the first row in the log in seconds (default: its time in the table)
     Raises RecordingError or UsageError (exit code 2).
     """
-    import sys
-
     from monitor.base.errors import UsageError
     from monitor.base.files.manifest import note
     from monitor.decode.bus_map import load_pairs
@@ -54,8 +52,8 @@ def run(
     sent = sorted(set(read.names) & set(bus_map.channels))
     lost = sorted(set(bus_map.names) - set(sent))
     print(f"sent {', '.join(sent)}; not available: {', '.join(lost) or 'none'}")
-    for name in sorted(set(read.names) & set(bus_map.derived)):
-        print(f"o2train: warning: {name} is derived on this bus and not sent", file=sys.stderr)
+    derived = sorted(set(read.names) & set(bus_map.derived))
+    warn(f"{name} is derived on this bus and not sent" for name in derived)
     seconds = (int(frames.t_ns[-1]) - int(frames.t_ns[0])) / 1e9
     print(f"{out}: {len(frames.t_ns)} frames in {seconds:.1f} s")
     return 0

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -136,6 +136,12 @@ def inputs_of(args: SignalOptions, recordings: "Sequence[Recording]") -> tuple[s
     if chosen != NARX_INPUTS:
         print(in_words(chosen))
     return chosen
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Print warnings on the standard error."""
+    for each in warnings:
+        print(f"o2train: warning: {each}", file=sys.stderr)
 
 
 def tell_notes(recordings: "list[Recording]") -> None:

@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Callable
 from threading import Lock
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO
 
 from tqdm import tqdm
@@ -22,13 +21,16 @@ LINE_S: Final = 30.0  # between two lines where there is no terminal
 class Progress:
     """A bar, and the clock that says when the next line is due; closed on leaving the context.
 
-    out : where it is shown, the standard error if None
+    out : where it is shown, default the standard error
     monotonic_s : clock in s
     shape : of the bar, as tqdm takes it
     """
 
     def __init__(
-        self, out: TextIO | None, monotonic_s: Callable[[], float] = time.monotonic, **shape: Any
+        self,
+        out: TextIO | None = None,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        **shape: Any,
     ) -> None:
         self._out, self._clock_s = out or sys.stderr, monotonic_s
         self._bar = tqdm(leave=False, disable=None, file=self._out, **shape)
@@ -37,18 +39,8 @@ class Progress:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bar.close()
-
-    @property
-    def elapsed_s(self) -> float:
-        """Return the time since the beginning in s."""
-        return self._clock_s() - self._began_s
 
     def step(self, text: str) -> None:
         """Show a further step of work whose length nobody knows."""
@@ -68,16 +60,12 @@ class Share(Progress):
     """A bar over a whole fit, with its best error so far and the time that is left.
 
     what : what is fitted
+    shown : where and by which clock, as in ``Progress``
     """
 
-    def __init__(
-        self,
-        what: str,
-        out: TextIO | None = None,
-        monotonic_s: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, what: str, *shown: Any) -> None:
         form = "{desc} {percentage:3.0f} %|{bar}| {remaining} left{postfix}"
-        super().__init__(out, monotonic_s, total=PARTS, desc=what, bar_format=form)
+        super().__init__(*shown, total=PARTS, desc=what, bar_format=form)
         self._what, self._best = what, math.inf
 
     def update(self, done: float, error: float = math.inf) -> None:
@@ -87,7 +75,7 @@ class Share(Progress):
         self._bar.set_postfix_str(best, refresh=False)
         self._bar.update(round(PARTS * done) - self._bar.n)
         if round(100 * done):  # before, the pace is not known
-            left_s = self.elapsed_s * (1.0 - done) / done
+            left_s = (self._clock_s() - self._began_s) * (1.0 - done) / done
             told = f"{100 * done:.0f} % done, {left_s:.0f} s left", best
             self.tell(f"{self._what}: {', '.join(filter(None, told))}")
 
@@ -98,13 +86,8 @@ class Budget(Share):
     minutes : of work
     """
 
-    def __init__(
-        self,
-        minutes: float,
-        out: TextIO | None = None,
-        monotonic_s: Callable[[], float] = time.monotonic,
-    ) -> None:
-        super().__init__("training", out, monotonic_s)
+    def __init__(self, minutes: float, *shown: Any) -> None:
+        super().__init__("training", *shown)
         self._lock, self._work, self._spent = Lock(), minutes * PER_MINUTE, 0.0
 
     def tried(self, candidate: "Try") -> None:

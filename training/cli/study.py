@@ -1,6 +1,5 @@
 """The command ``o2train study``: repeat the whole study of the paper on any recordings."""
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -17,6 +16,7 @@ from training.cli.options import (
     SignalOptions,
     inputs_of,
     load_all,
+    warn,
 )
 
 EXAMPLES = """examples:
@@ -107,8 +107,7 @@ def run(args: StudyCommand) -> int:
         scheduler=args.scheduler,
     )
     result = study(task, lambda line: print(line, flush=True))
-    for warning in result["warnings"]:
-        print(f"o2train: warning: {warning}", file=sys.stderr)
+    warn(result["warnings"])
     print(result["choice"]["reason"])
     print(f"model: {args.out / 'model.onnx'}")
     print(f"report: {args.out / 'report.html'}")
