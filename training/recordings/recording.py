@@ -30,12 +30,13 @@ from monitor.grid.table_samples import in_range, table_block
 from monitor.grid.tables import DEFAULT_PERIOD_NS, Table, is_table, read_table, table_period_ns
 from monitor.grid.timeline import Timeline
 from monitor.model.card import TrainingRecording
-from training.recordings.files.measurement import is_measurement, read_measurement, union_of_times
+from training.recordings.files.measurement import is_measurement, read_measurement
 from training.recordings.files.table_files import write_table
 
 __all__ = ["Recording", "default_pairs", "load", "log_block", "write_table"]
 
 Pairs = Sequence[tuple[str | Path, str | Path]]
+Samples = tuple[tuple[str, ...], int, SampleBlock]  # names, period in ns, samples
 ROWS_APART_MOST_S: Final = 60.0  # in the median
 DEFAULT_PAIR: Final = ("o2_ecu.dbc", "o2_ecu.toml")
 
@@ -114,24 +115,24 @@ def load(
     wanted = None if names is None else tuple(names)
     profile, notes = "", tuple[str, ...]()
     if is_measurement(path, columns):
-        got, period_ns, block = _from_measurement(path, wanted, period_ns, columns)
+        read = _from_measurement(path, wanted, period_ns, columns)
     elif is_table(path):
         further = [n for n in wanted or () if n not in BY_NAME]
         table = read_table(path, columns, further, of_model)
         profile, notes = table.profile, table.notes.lines
-        got, period_ns, block = _from_table(table, wanted, period_ns)
+        read = _from_table(table, wanted, period_ns)
     else:
         bus_map = load_pairs(default_pairs() if pairs is None else pairs, channel)
         got, period_ns = wanted or bus_map.names, period_ns or DEFAULT_PERIOD_NS
         log = LogCounters()
         block = log_block(path, bus_map, got, period_ns, log)
-        notes = tuple(log.notes)
+        read, notes = (got, period_ns, block), tuple(log.notes)
         if block.quality.size and (block.quality != Quality.GOOD).all():
             raise RecordingError(
                 f"{path}: no frame holds a good value of {', '.join(got[:3])}"
                 f"{', …' if len(got) > 3 else ''}; wrong --dbc or --map?"
             )
-    return _of_block(path, sha256_of(path), got, period_ns, block, profile, notes)
+    return _of_samples(path, sha256_of(path), read, profile, notes)
 
 
 def of_columns(columns: Any, name: str, period_s: float | None = None) -> Recording:
@@ -143,10 +144,10 @@ def of_columns(columns: Any, name: str, period_s: float | None = None) -> Record
     Raises RecordingError naming the recording and what is wrong.
     """
     table = table_of(columns, name)
-    names, period_ns, block = _from_table(table, None, _in_ns(period_s))
+    read = _from_table(table, None, _in_ns(period_s))
     content = json.dumps(table.names).encode() + table.t_ns.tobytes() + table.values.tobytes()
     digest, notes = hashlib.sha256(content).hexdigest(), table.notes.lines
-    return _of_block(table.path, digest, names, period_ns, block, "", notes)
+    return _of_samples(table.path, digest, read, "", notes)
 
 
 def _in_ns(period_s: float | None) -> int | None:
@@ -155,16 +156,11 @@ def _in_ns(period_s: float | None) -> int | None:
     return None if period_s is None else round(period_s * 1e9)
 
 
-def _of_block(
-    path: Path,
-    digest: str,
-    names: tuple[str, ...],
-    period_ns: int,
-    block: SampleBlock,
-    profile: str,
-    notes: tuple[str, ...],
+def _of_samples(
+    path: Path, digest: str, read: Samples, profile: str, notes: tuple[str, ...]
 ) -> Recording:
     """Return samples as a recording; raises RecordingError if there is none."""
+    names, period_ns, block = read
     if len(block.t_ns) == 0:
         raise RecordingError(f"{path}: too short for one sample of {period_ns / 1e9:g} s")
     begin_ns = int(block.t_ns[0])
@@ -193,9 +189,7 @@ def check_rows(path: Path, t_ns: IntArray) -> None:
         )
 
 
-def _from_table(
-    table: Table, names: tuple[str, ...] | None, period_ns: int | None
-) -> tuple[tuple[str, ...], int, SampleBlock]:
+def _from_table(table: Table, names: tuple[str, ...] | None, period_ns: int | None) -> Samples:
     check_rows(table.path, table.t_ns)
     names = table.names if names is None else names
     return names, table_period_ns(table, period_ns), table_block(table, names, period_ns)
@@ -203,7 +197,7 @@ def _from_table(
 
 def _from_measurement(
     path: Path, names: tuple[str, ...] | None, period_ns: int | None, columns: str | Path | None
-) -> tuple[tuple[str, ...], int, SampleBlock]:
+) -> Samples:
     """Return a measurement file's samples; channels at one raster are a table."""
     series = read_measurement(path, columns)
     names = tuple(series) if names is None else names
@@ -211,7 +205,7 @@ def _from_measurement(
     if missing:
         raise RecordingError(f"{path}: has no channel {', '.join(missing)}")
     chosen = {name: series[name] for name in names}
-    times_ns = union_of_times(chosen)
+    times_ns = np.unique(np.concatenate([t_ns for t_ns, _ in chosen.values()]))  # of any channel
     if all(np.array_equal(t_ns, times_ns) for t_ns, _ in chosen.values()):
         values = np.column_stack([each for _, each in chosen.values()])
         return _from_table(Table(path, names, times_ns, values), names, period_ns)

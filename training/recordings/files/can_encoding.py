@@ -39,8 +39,7 @@ def encode_message(
     if message.length > 8:
         raise SignalMapError(f"{message.name} has {message.length} bytes, at most 8 are wanted")
     signals = {signal.name: signal for signal in message.signals}
-    unknown = sorted(values.keys() - signals.keys())
-    if unknown:
+    if unknown := sorted(values.keys() - signals.keys()):
         raise SignalMapError(f"{message.name} has no signal {unknown[0]}")
     words = {"little_endian": np.zeros(n, np.uint64), "big_endian": np.zeros(n, np.uint64)}
     for name, signal in signals.items():
@@ -51,15 +50,11 @@ def encode_message(
         elif not _is_sent(signal, signals, values):
             continue
         else:
-            raw = _raw(signal, integrity, values.get(name), n)
+            raw = _raw(signal, integrity, values.get(name, np.full(n, np.nan)), n)
         _pack(words[signal.byte_order], message, signal, raw)
-    payloads: Payloads = (
-        words["little_endian"].astype("<u8").view(np.uint8).reshape(n, 8)
-        | (words["big_endian"] << np.uint64(8 * (8 - message.length)))
-        .astype(">u8")
-        .view(np.uint8)
-        .reshape(n, 8)
-    )[:, : message.length].copy()
+    big = words["big_endian"] << np.uint64(8 * (8 - message.length))
+    both = words["little_endian"].astype("<u8").view(np.uint8) | big.astype(">u8").view(np.uint8)
+    payloads: Payloads = both.reshape(n, 8)[:, : message.length].copy()
     if integrity.checksum:
         place = signals[integrity.checksum].start // 8
         payloads[:, place] = payload_checksums(
@@ -77,9 +72,7 @@ def _is_sent(
     return signal.name in values and signal.multiplexer_signal in signals
 
 
-def _raw(
-    signal: Signal, integrity: Integrity, physical: FloatArray | None, n: int
-) -> NDArray[np.int64]:
+def _raw(signal: Signal, integrity: Integrity, physical: FloatArray, n: int) -> NDArray[np.int64]:
     """Return raw values as integers, (n,)."""
     if signal.is_float:
         raise SignalMapError(f"signal {signal.name} is a float, integers are wanted")
@@ -91,15 +84,11 @@ def _raw(
     if integrity.not_available and bits >= 2:
         missing = low if signal.is_signed else high
         low, high = (low + 1, high) if signal.is_signed else (low, high - 1)
-    if physical is None:
-        return np.full(n, missing, dtype=np.int64)
     if physical.shape != (n,):
         raise SignalMapError(f"signal {signal.name} has shape {physical.shape}, ({n},) is wanted")
     scaled = np.rint((physical - float(signal.offset)) / float(signal.scale))
-    known = ~np.isnan(scaled)
-    raw = np.full(n, missing, dtype=np.int64)
-    raw[known] = np.clip(scaled[known], low, high).astype(np.int64)
-    return raw
+    sent = np.clip(np.nan_to_num(scaled), low, high).astype(np.int64)
+    return np.where(np.isnan(scaled), np.int64(missing), sent)
 
 
 def _pack(

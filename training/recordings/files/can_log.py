@@ -68,14 +68,7 @@ class Outgoing:
         for name, raw in self.switches:
             signal = self.message.get_signal_by_name(name)
             physical[name] = np.full(n, raw * float(signal.scale) + float(signal.offset))
-        return encode_message(
-            self.message,
-            self.integrity,
-            physical,
-            n,
-            first_count=self.turn,
-            count_step=self.n_turns,
-        )
+        return encode_message(self.message, self.integrity, physical, n, self.turn, self.n_turns)
 
 
 def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...]:
@@ -85,9 +78,8 @@ def outgoing(bus_map: BusMap, names: Container[str] = ()) -> tuple[Outgoing, ...
     """
     messages: dict[str, list[BusChannel]] = {}
     for channel in bus_map.channels.values():
-        if channel.mapped.is_optional and channel.mapped.name not in names:
-            continue
-        messages.setdefault(channel.message.name, []).append(channel)
+        if not channel.mapped.is_optional or channel.mapped.name in names:
+            messages.setdefault(channel.message.name, []).append(channel)
     found = [each for channels in messages.values() for each in _turns(channels)]
     return tuple(sorted(found, key=lambda each: each.message.frame_id))
 
@@ -100,14 +92,7 @@ def _turns(channels: Sequence[BusChannel]) -> list[Outgoing]:
         groups.setdefault(_switches(channel), []).append(channel)
     always = groups.pop((), []) if len(groups) > 1 else []
     return [
-        Outgoing(
-            message=message,
-            integrity=integrity,
-            channels=(*always, *group),
-            switches=switches,
-            turn=turn,
-            n_turns=len(groups),
-        )
+        Outgoing(message, integrity, (*always, *group), switches, turn, len(groups))
         for turn, (switches, group) in enumerate(groups.items())
     ]
 
@@ -125,15 +110,9 @@ def _switches(channel: BusChannel) -> tuple[tuple[str, int], ...]:
 def block_of(message: Message, times_ns: IntArray, payloads: Payloads) -> FrameBlock:
     """Return the frames of one message sent at ``times_ns``, (n,)."""
     n, length = payloads.shape
-    data = np.zeros((n, 8), dtype=np.uint8)
-    data[:, :length] = payloads
-    key = message.frame_id | message.is_extended_frame * EXTENDED
-    return FrameBlock(
-        times_ns.astype(np.int64),
-        np.full(n, key, dtype=np.uint32),
-        np.full(n, length, dtype=np.uint8),
-        data,
-    )
+    keys = np.full(n, message.frame_id | message.is_extended_frame * EXTENDED, np.uint32)
+    data = np.pad(payloads, ((0, 0), (0, 8 - length)))
+    return FrameBlock(times_ns.astype(np.int64), keys, np.full(n, length, np.uint8), data)
 
 
 def merge(blocks: Sequence[FrameBlock]) -> FrameBlock:

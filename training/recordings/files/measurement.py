@@ -1,8 +1,9 @@
 """Measurement files of calibration tools: MDF 3 and 4 with channels at several rasters."""
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
@@ -54,12 +55,11 @@ def read_measurement(
         if mapping is None:
             times = {mdf.groups[group].channels[at].name for group, at in mdf.masters_db.items()}
             mapping = {name: Column(name) for name in mdf.channels_db if name not in times}
-        mapping = {name: each for name, each in mapping.items() if name != TIME}
-        found = {}
-        for name, each in mapping.items():
-            series = _series(path, mdf, name, each)
-            if series is not None:
-                found[name] = series
+        found = {
+            name: series
+            for name, each in mapping.items()
+            if name != TIME and (series := _series(path, mdf, name, each)) is not None
+        }
     if not found:
         raise RecordingError(f"{path}: no channel with numbers in the measurement file")
     return found
@@ -108,15 +108,8 @@ def _open(path: Path) -> Iterator[Any]:
 def asammdf_for(path: Path, use: str) -> ModuleType:
     """Return the library; raises RecordingError naming the file and its use if it is not there."""
     try:
-        import asammdf  # noqa: PLC0415
+        return import_module("asammdf")
     except ImportError as error:
         raise RecordingError(
             f"{path}: {use} it needs asammdf: pip install '.[mdf]' in the project's folder"
         ) from error
-    module: ModuleType = asammdf
-    return module
-
-
-def union_of_times(series: Mapping[str, tuple[IntArray, FloatArray]]) -> IntArray:
-    """Return the times at which any channel has a value, ascending."""
-    return np.unique(np.concatenate([t_ns for t_ns, _ in series.values()]))

@@ -86,13 +86,9 @@ class LinearData:
 
     def apply(self, values: FloatArray, t_s: FloatArray, sha256: str = "") -> FloatArray:
         """Return z-scored values (n, k) of ``values`` (n, k) at ``t_s`` (n,) of a recording."""
-        return np.asarray((values - self._line(t_s, sha256) - self.mean) / self.std)
-
-    def _line(self, t_s: FloatArray, sha256: str) -> FloatArray:
-        trend = self.trends.get(sha256)
-        if trend is None:
-            return np.zeros((len(t_s), len(self.names)))
-        return np.outer(t_s - trend.middle_s, trend.slope)
+        trend = self.trends.get(sha256, Trend(0.0, (0.0,) * len(self.names)))
+        line = np.outer(t_s - trend.middle_s, trend.slope)
+        return np.asarray((values - line - self.mean) / self.std)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, which keeps every digit."""
@@ -126,12 +122,11 @@ def linear_stretches(
     """
     names = (*inputs, output)
     parts = _unbroken(recordings, names)
-    if reference is not None:
-        own = reference.filter
-    else:
-        own = Filter.against(band, recordings[0].period_ns / 1e9) if band is not None else None
+    own = reference.filter if reference else None
+    if band is not None and reference is None:
+        own = Filter.against(band, recordings[0].period_ns / 1e9)
     if own is not None:
-        parts = [LinearStretch(p.recording, p.first, p.t_s, own.apply(p.values)) for p in parts]
+        parts = [replace(p, values=own.apply(p.values)) for p in parts]
     return parts, reference or _measure(recordings, parts, names, own)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from monitor.base.counts import plain
 from monitor.base.errors import RecordingError
-from monitor.base.signals import BY_NAME
+from monitor.base.signals import unit_of
 from monitor.base.types import FloatArray
 from monitor.model.card import Channel
 from monitor.model.step import PHI_MAX
@@ -106,11 +106,10 @@ def _output_range(y: FloatArray, share: float) -> tuple[float, float]:
 
 def channel_of(name: str, values: FloatArray) -> Channel:
     """Return the card's entry of a signal with these training values (n,)."""
-    unit = BY_NAME[name].unit if name in BY_NAME else ""
     low, high = np.percentile(values, [0.1, 99.9])
     return Channel(
         name=name,
-        unit=unit,
+        unit=unit_of(name),
         minimum=float(values.min()),
         maximum=float(values.max()),
         percentile_0_1=float(low),
