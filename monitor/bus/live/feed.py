@@ -17,7 +17,7 @@ from monitor import __version__
 from monitor.base.types import Frame
 from monitor.bus.attachment import Attachment
 from monitor.bus.live.codes import fault_memory
-from monitor.bus.live.describe import ConditionWords, response_limits, signal_rows
+from monitor.bus.live.describe import ConditionWords, response_limits, signal_rows, words
 from monitor.bus.live.process import Server
 from monitor.judge.findings import WindowJudged
 from monitor.pipeline.entry import evidence_entry, window_fields
@@ -111,8 +111,7 @@ class LiveFeed(Attachment):
         self._server.close()
 
     def _tick(self, tick: Tick) -> None:
-        self._latest = tick
-        sample = tick.sample
+        self._latest, sample = tick, tick.sample
         if self._t0_ns is None:
             self._t0_ns = sample.t_ns
         measured = sample.values.item(self._output)
@@ -143,12 +142,13 @@ class LiveFeed(Attachment):
         self._windows.clear()
         if now_s >= self._slow_s:
             self._slow_s = now_s + SLOW_S
-            message["health"] = dict(self._health()) | {"page_dropped": self.dropped}
-            self._absent = message["health"].get("absent", ())
+            health = dict(self._health()) | {"page_dropped": self.dropped}
+            self._absent = health.get("absent", ())
+            named = {key: [*map(words, health.get(key, ()))] for key in ("absent", "stale")}
+            message["health"] = health | named
             told = self._evidence() | {"fault_flag": self._monitor.store.fault_flag}
-            behind = catalyst.rows(self._monitor.catalyst.entry())
             message["memory"] = fault_memory(self._monitor.store) | {
-                "behind": behind,
+                "behind": catalyst.rows(self._monitor.catalyst.entry()),
                 "confidence": self._confidence(),
                 "evidence": [[fault, left] for fault, _, left in evidence.rows(told)],
             }
