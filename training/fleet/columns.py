@@ -14,7 +14,7 @@ _NUMBER: Final = pl.Float64()
 _TEXT: Final = pl.String()
 _TEXTS: Final = pl.List(_TEXT)
 
-_WHICH: Final[Columns] = {
+WHICH: Final[Columns] = {
     "recording": (pl.UInt32(), "number of the recording in the order of the command, from 0"),
     "path": (_TEXT, "path or URL of the recording"),
     "vehicle": (_TEXT, "vehicle by the manifest or --vehicle, otherwise the file name"),
@@ -89,7 +89,7 @@ COUNTERS: Final = {name: key for name, (key, _) in _COUNTED.items()} | {
 }
 
 RECORDINGS: Final[Columns] = {
-    **_WHICH,
+    **WHICH,
     "error": (_TEXT, "reason why the recording could not be judged, null if judged"),
     "sha256": (_TEXT, "sha256 of the file"),
     "size_bytes": (pl.UInt64(), "size of the file, bytes"),
@@ -167,7 +167,7 @@ RECORDINGS: Final[Columns] = {
 }
 
 WINDOWS: Final[Columns] = {
-    **_WHICH,
+    **WHICH,
     **_START,
     "window": (pl.UInt32(), "number of the window in the recording, from 0"),
     "t_start_s": (_NUMBER, "time of the first sample, s from the start of the recording"),
@@ -180,10 +180,7 @@ WINDOWS: Final[Columns] = {
     "also": (_TEXTS, "further faults that the window cannot distinguish from the named fault"),
     "excited": (pl.Boolean(), "true if the prediction moves clearly"),
     "excitation": (_NUMBER, "standard deviation of the prediction, phi"),
-    "evidence": (
-        _NUMBER,
-        "log likelihood of the best faulty sensor over the best sound sensor",
-    ),
+    "evidence": (_NUMBER, "log likelihood of the best faulty sensor over the best sound sensor"),
     "hypothesis": (_TEXT, "likeliest sensor: healthy or the name of a fault"),
     **ESTIMATES,
     "gain": (_NUMBER, "estimated gain of measurement over prediction"),

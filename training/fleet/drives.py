@@ -83,23 +83,13 @@ def drives_of(
         raise UsageError(f"--vehicle {pattern}: matches no path, as {path}")
     names = Counter(vehicle or places.name_of(path) for path, vehicle in vehicle_of.items())
     entries_of, copies = cache(_entries), _copies(vehicle_of)  # each manifest.json is read once
-    count: dict[str, int] = {}
-    drives = []
+    count, drives = Counter[str](), []
     for number, (path, named) in enumerate(vehicle_of.items()):
         name = places.name_of(path)
         vehicle = named or (name if names[name] == 1 else path)
-        drive = count.setdefault(vehicle, 0)
-        drives.append(
-            FleetDrive(
-                recording=number,
-                path=path,
-                vehicle=vehicle,
-                drive=drive,
-                declared=_declared(entries_of(places.folder_of(path)).get(name, {})),
-                is_alone=not named,
-                copy_of=copies.get(path),
-            )
-        )
+        declared = _declared(entries_of(places.folder_of(path)).get(name, {}))
+        place_of = number, path, vehicle, count[vehicle], declared
+        drives.append(FleetDrive(*place_of, is_alone=not named, copy_of=copies.get(path)))
         count[vehicle] += 1
     return drives
 

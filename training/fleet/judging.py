@@ -46,20 +46,22 @@ def judge_chunk(kit: WorkerKit, chunk: Chunk) -> Done:
 
     No recording raises: a recording that cannot be read or judged gives a row with an error.
     """
-    tools = tools_of(kit)
-    names = [drives[0].vehicle for drives in chunk.vehicles]
-    work = _Work(kit, tools, {name: _Vehicle() for name in names})
+    work = _Work(kit, tools_of(kit), {drives[0].vehicle: _Vehicle() for drives in chunk.vehicles})
     for drives in chunk.rounds():
         held: list[tuple[FleetDrive, Read]] = []
         for drive in drives:
-            read = _read(work, drive)
-            if read is not None:
+            if (read := _read(work, drive)) is not None:
                 held.append((drive, read))
             if sum(len(samples.block.t_ns) for _, samples in held) >= SAMPLES:
                 _judge(work, held)
                 held = []
         _judge(work, held)
-    return _done(work, names)
+    place = {name: i for i, name in enumerate(work.vehicles)}
+    rows, windows = (
+        sorted(each, key=lambda row: (place[row["vehicle"]], row["drive"]))
+        for each in (work.recordings, work.windows)
+    )
+    return of_rows(rows, windows, work.seconds)
 
 
 def _read(work: _Work, drive: FleetDrive) -> Read | None:
@@ -139,13 +141,3 @@ def _judge_alike(work: _Work, group: Sequence[tuple[FleetDrive, Read]]) -> None:
         vehicle.saved, vehicle.reference = store.saved, result.reference
         if result.seen is not None:
             vehicle.reference = result.reference.learn(result.seen, config.bias)
-
-
-def _done(work: _Work, names: Sequence[str]) -> Done:
-    place = {name: i for i, name in enumerate(names)}
-
-    def order(row: Row) -> tuple[int, int]:
-        return place[row["vehicle"]], row["drive"]
-
-    rows, windows = sorted(work.recordings, key=order), sorted(work.windows, key=order)
-    return of_rows(rows, windows, work.seconds)

@@ -48,16 +48,9 @@ def samples_of(path: Path, tools: Tools) -> Read:
         order = [opened.names.index(name) for name in names]
         values, quality = samples.values[:, order], samples.quality[:, order]
         block, begin_ns = samples._replace(values=values, quality=quality), int(samples.t_ns[0])
-    return Read(
-        names,
-        block,
-        begin_ns,
-        clearings,
-        counters,
-        unavailable=Enable.of(tools.config.enable, names, card).unavailable,
-        sha256=sha256_of(path),
-        size_bytes=path.stat().st_size,
-    )
+    unavailable = Enable.of(tools.config.enable, names, card).unavailable
+    file = sha256_of(path), path.stat().st_size
+    return Read(names, block, begin_ns, clearings, counters, unavailable, *file)
 
 
 def _measured(path: Path, tools: Tools) -> tuple[tuple[str, ...], SampleBlock, int]:

@@ -10,13 +10,14 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.findings import WindowJudged
 from monitor.model.card import ModelCard
-from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES
+from training.fleet.columns import BEHIND_KEYS, COUNTERS, ESTIMATES, WHICH
 from training.fleet.drives import FleetDrive
 from training.fleet.reading import Read
 from training.limits.judging import Judged
 from training.recordings.start import start_of
 
 Row = dict[str, Any]
+OF_VERDICT = ("mean", "std", "paper_failed", "fault", "excited")
 
 
 def failed_row(drive: FleetDrive, reason: str) -> Row:
@@ -33,7 +34,7 @@ def recording_row(
     """
     period_s = card.period_ns * 1e-9
     windows = judged.windows
-    outcomes = [window.outcome for window in windows]
+    outcomes, stds = [window.outcome for window in windows], [window.std for window in windows]
     last = windows[-1].statistics.as_dict() if windows else {}
     declared = drive.declared
     return {
@@ -56,8 +57,8 @@ def recording_row(
         "faults": [dtc.fault for dtc in judged.dtcs],
         "states": [dtc.state for dtc in judged.dtcs],
         **_first_code(read.block, judged, period_s),
-        "residual_mean": _mean([window.mean for window in windows]),
-        "residual_std": _rms([window.std for window in windows]),
+        "residual_mean": float(np.mean([w.mean for w in windows])) if windows else None,
+        "residual_std": float(np.sqrt(np.mean(np.square(stds)))) if stds else None,
         **{name: last.get(name) for name in ("offset", "gain", *ESTIMATES)},
         **{name: _reached_twice(windows, name) for name in ("evidence", "offset_beyond")},
         "reference_drives": known,
@@ -84,13 +85,9 @@ def window_rows(drive: FleetDrive, read: Read, judged: Judged) -> list[Row]:
             "window": verdict.window.index,
             "t_start_s": (verdict.window.t_start_ns - t0_ns) / 1e9,
             "t_end_s": (verdict.window.t_end_ns - t0_ns) / 1e9,
-            "mean": verdict.mean,
-            "std": verdict.std,
-            "paper_failed": verdict.paper_failed,
+            **{name: getattr(verdict, name) for name in OF_VERDICT},
             "verdict": verdict.outcome,
-            "fault": verdict.fault,
             "also": list(verdict.also),
-            "excited": verdict.excited,
             **verdict.statistics.as_dict(),
         }
         for verdict in judged.windows
@@ -98,12 +95,7 @@ def window_rows(drive: FleetDrive, read: Read, judged: Judged) -> list[Row]:
 
 
 def _which(drive: FleetDrive) -> Row:
-    return {
-        "recording": drive.recording,
-        "path": drive.path,
-        "vehicle": drive.vehicle,
-        "drive": drive.drive,
-    }
+    return {name: getattr(drive, name) for name in WHICH}
 
 
 def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
@@ -144,14 +136,6 @@ def _counters(counters: Mapping[str, int]) -> Row:
         return row
     names = [name.removeprefix(never) for name in counters if name.startswith(never)]
     return row | {"never_received": names}
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None
-
-
-def _rms(values: Sequence[float]) -> float | None:
-    return math.sqrt(float(np.mean(np.square(values)))) if values else None
 
 
 def _finite(value: float) -> float | None:

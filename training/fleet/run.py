@@ -70,13 +70,10 @@ def run(
     identity = {**kit.identity(), "manifest_sha256": fleet_drives.digest(drives)}
     run_folder.claim(folder, identity)
     chunks = fleet_drives.chunks_of(drives)
-    missing: dict[str, Chunk] = {}
-    for chunk in chunks:
-        stored = _stored(folder, chunk.name)
-        if stored is None:
-            missing[chunk.name] = chunk
-        else:
-            done(stored)
+    stored = {chunk.name: _stored(folder, chunk.name) for chunk in chunks}
+    for cost in filter(None, stored.values()):
+        done(cost)
+    missing = {chunk.name: chunk for chunk in chunks if not stored[chunk.name]}
     while missing:
         try:
             for name, result in parallel.run(
@@ -86,8 +83,7 @@ def run(
                 del missing[name]
         except worker.WorkerDiedError as died:
             for name in died.keys:
-                result = _apart(missing.pop(name), kit, scheduler)
-                done(_store(folder, name, result))
+                done(_store(folder, name, _apart(missing.pop(name), kit, scheduler)))
     for table, path in zip(TABLES, (out, windows_path(out)), strict=True):
         _join(folder, table, chunks, path)
     written = out.stat().st_size + windows_path(out).stat().st_size

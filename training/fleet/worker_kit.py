@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
+from tempfile import mkdtemp
 from threading import local
 from typing import Any, Final
 from weakref import finalize
@@ -60,16 +60,9 @@ class WorkerKit:
         pair_paths = [(Path(a), Path(b)) for a, b in pairs or default_pairs()]
         Limits.from_card(Model.load(model).card, config, str(model))
         load_pairs(pair_paths)
-        if columns is not None:
-            columns = checked_columns(columns)
-        return cls(
-            _file(model),
-            config,
-            tuple((_file(a), _file(b)) for a, b in pair_paths),
-            None if columns is None else _file(columns),
-            Path.cwd(),
-            channel,
-        )
+        own = None if columns is None else _file(checked_columns(columns))
+        bus = tuple((_file(a), _file(b)) for a, b in pair_paths)
+        return cls(_file(model), config, bus, own, Path.cwd(), channel)
 
     def identity(self) -> dict[str, Any]:
         """Return digests of model, settings, maps and code; equal digests give equal results."""
@@ -93,7 +86,7 @@ class Tools:
     config: Config
     reader: RecordingReader
     columns: Path | None  # columns map, which is read with every table
-    folder: "_Folder | None"  # of the columns map
+    folder: "_Folder"  # of the maps
     judges: dict[tuple[str, ...], RecordingJudge] = field(default_factory=dict)
 
     def judge_for(self, names: tuple[str, ...]) -> RecordingJudge:
@@ -129,20 +122,16 @@ class _Folder:
 
 
 def _made(kit: WorkerKit) -> Tools:
-    model = model_of(*kit.model)
-    with TemporaryDirectory(prefix="o2-kit-") as folder:
-        laid = [
-            (_lay(Path(folder) / f"{i}.dbc", a), _lay(Path(folder) / f"{i}.toml", b))
-            for i, (a, b) in enumerate(kit.pairs)
-        ]
-        bus_map = load_pairs(laid, kit.channel)
-    kept = columns = None
-    if kit.columns is not None:
-        kept = _Folder()
-        columns = _lay(kept.path, kit.columns)
+    model, folder = model_of(*kit.model), _Folder()
+    laid = [
+        (_lay(folder.path / f"{i}.dbc", a), _lay(folder.path / f"{i}.toml", b))
+        for i, (a, b) in enumerate(kit.pairs)
+    ]
+    bus_map = load_pairs(laid, kit.channel)
+    columns = _lay(folder.path, kit.columns) if kit.columns else None
     limits = Limits.from_card(model.card, kit.config, kit.model[0])
     reader = RecordingReader(bus_map, model.card, columns)
-    return Tools(model, limits, kit.config, reader, columns, kept)
+    return Tools(model, limits, kit.config, reader, columns, folder)
 
 
 def _lay(folder: Path, file: File) -> Path:

@@ -32,12 +32,8 @@ def distribution_figure(recordings: pl.DataFrame, windows: Path, limits: Limits)
     )
     plots = []
     for column, title, of_windows, at in contents:
-        values = (
-            pl.read_parquet(windows, columns=[column], glob=False)[column]
-            if of_windows
-            else drives[column]
-        )
-        plots.append(_histogram(values.drop_nulls().to_numpy(), title, at))
+        table = pl.read_parquet(windows, columns=[column], glob=False) if of_windows else drives
+        plots.append(_histogram(table[column].drop_nulls().to_numpy(), title, at))
     return Drawing(plots, columns=(1, 1, 1))
 
 

@@ -1,6 +1,6 @@
 """The report of a fleet: a page and the same figures as JSON."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from shlex import quote
 from typing import Any, Final
@@ -11,7 +11,6 @@ from monitor.base.counts import counted, plain
 from monitor.base.files.outputs import write_text
 from monitor.base.signals import OUTPUT
 from monitor.judge.enable import statement
-from monitor.judge.limits import Limits
 from training.fleet.page import distribution_figures, outliers, summary
 from training.fleet.page.outliers import Standing
 from training.fleet.run import windows_path
@@ -37,34 +36,19 @@ def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path
     found = summary.summary(recordings, run, standing)
     html, tree = out.with_suffix(".html"), out.with_suffix(".json")
     run_folder.write_json(tree, found, indent=1)
-    write_text(html, as_page(found, recordings, windows_path(out), standing, tools.limits, unit))
-    return html, tree, found["completed"]["events"]
-
-
-def as_page(
-    found: Figures,
-    recordings: pl.DataFrame,
-    windows: Path,
-    standing: Sequence[Standing],
-    limits: Limits,
-    unit: str,
-) -> str:
-    """Return the page of a fleet's summary and its tables.
-
-    unit : of residuals and offset
-    """
     judged = recordings.filter(pl.col("error").is_null())
-    named = outliers.named(standing)
+    named, draw = outliers.named(standing), distribution_figures
     numbers = {vehicle: i for i, vehicle in enumerate(named, 1)}
-    draw = distribution_figures
-    return page(
+    content = page(
         "fleet.html",
         "Fleet",
         verdict=_verdict(found),
         confidence=_confidence(found),
         extent=_extent(found),
         found=found,
-        distributions=draw.distribution_figure(judged, windows, limits) if len(judged) else None,
+        distributions=draw.distribution_figure(judged, windows_path(out), tools.limits)
+        if len(judged)
+        else None,
         drives=[_drive(each) for each in found["drives_with_code"][:ROWS]],
         more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,
@@ -82,6 +66,8 @@ def as_page(
             f"{found['manifest_sha256'][:12]}"
         ],
     )
+    write_text(html, content)
+    return html, tree, found["completed"]["events"]
 
 
 def _verdict(found: Figures) -> str:
