@@ -89,9 +89,7 @@ def _row(recording: Recording, judged: Judged) -> dict[str, Any]:
     return {
         "recording": Path(recording.path).name,
         "sha256": recording.sha256,
-        "source": entry.get("source"),
-        "fault": entry.get("fault"),
-        "severity": entry.get("severity"),
+        **{name: entry.get(name) for name in ("source", "fault", "severity")},
         "windows": len(judged.windows),
         "paper_failed": sum(window.paper_failed for window in judged.windows),
         "codes": sorted({dtc.code for dtc in judged.dtcs}),

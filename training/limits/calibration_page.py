@@ -20,12 +20,11 @@ def as_text(result: dict[str, Any]) -> str:
             f"limit {limit['name']}: {plain(limit['value'])} {limit['unit']}, was {before} "
             f"({limit['origin']})"
         )
-    for kind in ("healthy", "faulty"):
-        for row in result[kind]:
-            name, windows, failed, _, codes = cells(row)
-            lines.append(
-                f"{kind} {name}: codes {codes}; paper's rule fails {failed} of {windows} windows"
-            )
+    lines += [
+        f"{kind} {name}: codes {codes}; paper's rule fails {failed} of {windows} windows"
+        for kind in ("healthy", "faulty")
+        for name, windows, failed, _, codes in map(cells, result[kind])
+    ]
     lines.append(alarms_in_words(result["false_alarms"]))
     if result["faulty"]:
         lines.append(detection(result))

@@ -96,15 +96,14 @@ def healthy_offsets(drives: Sequence[FloatArray], config: BiasConfig) -> tuple[l
     the spread no more than they delay a decision; where more than one window in 30 does, the model
     errs so as a rule, and all of its spread counts. The spread is that of the median drive.
     """
-    offsets, std = [float(drive.mean()) for drive in drives], math.inf
-    counted, narrower = list(drives), _spread(drives)
+    counted, offsets, std = list(drives), list[float](), math.inf
     for _ in range(MOST_ROUNDS):
+        offsets, narrower = [float(drive.mean()) for drive in counted], _spread(counted)
         if narrower >= CONVERGED * std:
             break
         std = narrower
         most = config.certainty * std
         counted = [np.clip(d, at - most, at + most) for d, at in zip(drives, offsets, strict=True)]
-        offsets, narrower = [float(drive.mean()) for drive in counted], _spread(counted)
     return offsets, std
 
 

@@ -21,14 +21,8 @@ from monitor.memory.dtc_store import DtcStore
 from monitor.memory.reference import Reference, Seen
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
-from monitor.pipeline.events import (
-    BlockEvent,
-    CutJudged,
-    CycleStarted,
-    DtcChanged,
-    Ticks,
-    WindowJudged,
-)
+from monitor.pipeline import events
+from monitor.pipeline.events import CutJudged, CycleStarted, DtcChanged, WindowJudged
 from monitor.pipeline.monitor import Judge, SensorMonitor, slices
 from monitor.pipeline.names import needed_names
 from training.recordings.recording import Recording
@@ -107,16 +101,13 @@ class RecordingJudge:
         order = sorted(range(n), key=lambda i: -len(blocks[i].t_ns))  # alike together
         for first in range(0, n, self.rows):
             runs = {i: _Run(self, *of_each[i]) for i in order[first : first + self.rows]}
-            self._push([*runs.values()])
+            while now := [(run, block) for run in runs.values() for block in islice(run.blocks, 1)]:
+                monitors, parts = [run.monitor for run, _ in now], [block for _, block in now]
+                for (run, _), own in zip(now, self.steps.push(monitors, parts), strict=True):
+                    for event in own:
+                        run.take(event)
             judged |= {i: run.judged() for i, run in runs.items()}
         return [judged[i] for i in range(n)]
-
-    def _push(self, runs: Sequence["_Run"]) -> None:
-        while now := [(run, block) for run in runs for block in islice(run.blocks, 1)]:
-            events = self.steps.push([run.monitor for run, _ in now], [block for _, block in now])
-            for (run, _), own in zip(now, events, strict=True):
-                for event in own:
-                    run.take(event)
 
 
 class _Run:
@@ -135,7 +126,7 @@ class _Run:
     ) -> None:
         self._judge, self._reference = judge, reference
         self.monitor = SensorMonitor(judge.steps, self._limits(), store)
-        self._events: list[BlockEvent] = []
+        self._events: list[events.BlockEvent] = []
         self.blocks = self._parts(block, clearings)
 
     def _limits(self) -> Limits:
@@ -152,7 +143,7 @@ class _Run:
                 self._events += self.monitor.clear(t_ns)
             begin = end
 
-    def take(self, event: BlockEvent) -> None:
+    def take(self, event: events.BlockEvent) -> None:
         """Take one event; the reference learns from a driving cycle that is over."""
         if isinstance(event, WindowJudged) and not self._judge.keep_banks:
             window = replace(event.window, bank=event.window.bank[:, :0].copy())
@@ -169,7 +160,7 @@ class _Run:
 
     def judged(self) -> Judged:
         """Return the judgement at the recording's end."""
-        monitor, ticks = self.monitor, self._of(Ticks)
+        monitor, ticks = self.monitor, self._of(events.Ticks)
         return Judged(
             predicted=np.concatenate([_NONE, *(each.predicted for each in ticks)]),
             conditions=np.concatenate([_NEITHER, *(each.conditions for each in ticks)]),
@@ -199,10 +190,8 @@ def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause
 
 def most_common_cause(recordings: Sequence[Recording], card: ModelCard, config: Config) -> str:
     """Return the cause that keeps most recordings from windows, "" if there is none."""
-    found = Counter(
-        cause.in_words for recording in recordings for cause in why_not(recording, card, config)[:1]
-    )
-    most = found.most_common(1)
+    first = (cause for recording in recordings for cause in why_not(recording, card, config)[:1])
+    most = Counter(cause.in_words for cause in first).most_common(1)
     return f"{most[0][0]} (in {most[0][1]} of {len(recordings)} recordings)" if most else ""
 
 

@@ -38,10 +38,5 @@ def per_1000_h(events: int, seconds: float) -> Figures:
     hours = seconds / 3600.0
     if hours <= 0.0:
         return {"events": events, "hours": 0.0, "per_1000_h": None, "high": None}
-    high = float(stats.chi2.ppf(CONFIDENCE, 2 * (events + 1))) / 2.0
-    return {
-        "events": events,
-        "hours": hours,
-        "per_1000_h": 1000.0 * events / hours,
-        "high": 1000.0 * high / hours,
-    }
+    high = 1000.0 * (float(stats.chi2.ppf(CONFIDENCE, 2 * (events + 1))) / 2.0) / hours
+    return {"events": events, "hours": hours, "per_1000_h": 1000.0 * events / hours, "high": high}

@@ -43,18 +43,12 @@ def level(value: float, values: FloatArray) -> int | None:
     return round(LEVELS * (value - low) / max(high - low, 1e-9))
 
 
-def over_plane(
-    corner: str, x: FloatArray, y: FloatArray, values: FloatArray, spec: str, of: FloatArray
-) -> Heat:
-    """Return the map of values (len(y) - 1, len(x) - 1) between edges; NaN is blank.
-
-    spec : format of a value
-    of : all values that share the colours
-    """
+def over_plane(corner: str, x: FloatArray, y: FloatArray, values: FloatArray) -> Heat:
+    """Return the map of whole values (len(y) - 1, len(x) - 1) between edges; NaN is blank."""
     rows = [
         (
             plain(low),
-            [HeatCell("" if np.isnan(v) else format(v, spec), "", level(v, of)) for v in row],
+            [HeatCell("" if np.isnan(v) else f"{v:.0f}", "", level(v, values)) for v in row],
         )
         for low, row in zip(y[:-1].tolist(), values.tolist(), strict=True)
     ]

@@ -86,4 +86,4 @@ def _coverage(coverage: dict[str, Any]) -> Heat:
     seconds = np.where(seconds > 0.0, seconds, np.nan)
     corner = f"{words(coverage['load'])} over {words(coverage['speed'])}, lower ends; s"
     speed, load = (np.array(coverage[key]) for key in ("speed_edges", "load_edges"))
-    return over_plane(corner, speed, load, seconds, ".0f", seconds)
+    return over_plane(corner, speed, load, seconds)

@@ -13,13 +13,7 @@ from training.limits.decision_limits import MINIMUM_WINDOWS
 from training.narx.network import Spec
 from training.recordings.recording import Recording
 from training.recordings.samples import preparation
-from training.recordings.samples.preparation import (
-    BLOCK_S,
-    ENABLE_COLUMNS,
-    GROUP,
-    Stretches,
-    output_transform,
-)
+from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, Stretches
 
 LAGS = 5  # of a small network
 SHORTEST_STRETCH = 8 * LAGS  # training.recordings.samples.preparation drops shorter ones
@@ -96,7 +90,7 @@ def driven(
     period_s, valid = recordings[0].period_ns / 1e9, np.isfinite(data.y)
     samples, enabled = int(valid.sum()), int((data.enabled & valid).sum())
     seconds, enabled_s = samples * period_s, enabled * period_s
-    is_lambda = output_transform(output) == "phi"
+    is_lambda = preparation.output_transform(output) == "phi"
     least = Spec(n_inputs, LAGS, SMALLEST).n_weights
     wanted_s = MINIMUM_WINDOWS * WINDOW * period_s
     text, level = f"{duration(seconds)} usable", "ok"

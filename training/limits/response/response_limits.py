@@ -128,15 +128,13 @@ def _steps(moments: Moments, rule: ResponseRule) -> tuple[FloatArray, FloatArray
     is_sound = np.array([not claim.fault for claim in rule.claims])
     punctual = np.array([claim.column == 0 for claim in rule.claims])
     said = rule.said(moments)
+
+    def raised(added: FloatArray, fault: BoolArray, sound: BoolArray) -> FloatArray:
+        summed = np.cumsum(added, axis=0)
+        margin = summed[:, fault].max(axis=1) - summed[:, sound].max(axis=1)
+        return np.diff(margin, prepend=0.0)
+
     late = rule.weighted(said._replace(gain=np.zeros_like(said.gain)))
     weak = rule.weighted(said._replace(timing=np.zeros_like(said.timing)))
-    return (
-        _raised(late, is_late, is_sound),
-        _raised(weak, punctual & ~is_sound, punctual & is_sound),
-    )
-
-
-def _raised(added: FloatArray, fault: BoolArray, sound: BoolArray) -> FloatArray:
-    summed = np.cumsum(added, axis=0)
-    margin = summed[:, fault].max(axis=1) - summed[:, sound].max(axis=1)
-    return np.diff(margin, prepend=0.0)
+    of_weak = punctual & ~is_sound, punctual & is_sound
+    return raised(late, is_late, is_sound), raised(weak, *of_weak)
