@@ -128,12 +128,6 @@ def _sulphur(blocked: float, degc: float, x_in: float) -> float:
 
 
 @numba.njit(cache=True)
-def _shift(d: Downstream, degc: float, sulphur: float) -> float:
-    """Return by how much hydrogen lets the gas seem richer, in x; sulphur hinders its making."""
-    return d.hydrogen * (1.5 - 0.5 * activity(degc)) * (1.0 - sulphur)
-
-
-@numba.njit(cache=True)
 def _richness(d: Downstream, x: float) -> float:
     """Return the richness that a switching sensor shows in the steady state, 0 to 1."""
     return 1.0 / (1.0 + np.exp(min(max(x / d.width, -40.0), 40.0)))
@@ -203,7 +197,8 @@ def step(
     leaked = x_out + d.equilibrium * filled + d.leak * np.exp(-(air - 3.0) / 8.0)
     x_pipe = b.x_pipe + (leaked - b.x_pipe) * (1.0 - np.exp(-STEP_S / pipe_s))
     faulty = t_s >= d.start_s
-    seen = x_pipe - _shift(d, degc, b.sulphur)
+    # hydrogen, whose making sulphur hinders, lets the gas seem richer
+    seen = x_pipe - d.hydrogen * (1.5 - 0.5 * activity(degc)) * (1.0 - b.sulphur)
     ring[k % RING] = -(seen + d.wide_offset) if d.wide > 0.0 else _richness(d, seen)
     now = ring[k % RING]
     if faulty and d.delay_to_rich_s + d.delay_to_lean_s > 0.0:
@@ -236,9 +231,8 @@ def step(
         integral = min(max(integral + 0.0012 * error_v * STEP_S, -TRIM_MOST), TRIM_MOST)
         wanted = min(max(integral + 0.006 * error_v, -TRIM_MOST), TRIM_MOST)
         trim += (wanted - trim) * STEP_S / 0.4
-    refill = (
-        1.0 if cut else (0.0 if volts > REFILLED_V or since_cut_s > REFILL_MOST_S else b.refill)
-    )
+    refilled = volts > REFILLED_V or since_cut_s > REFILL_MOST_S
+    refill = 1.0 if cut else (0.0 if refilled else b.refill)
     is_ready = closed and since_cut_s > TRIM_AFTER_S and heated >= 1.0
     step, step_s, halves = _active(b, volts, air, is_ready, d)
     return Brick(

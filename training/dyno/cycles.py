@@ -124,7 +124,8 @@ def _steady_points(rng: np.random.Generator) -> SpeedTrace:
     steps: list[tuple[float, float]] = []  # time in s, change of the commanded phi from then on
     for rpm, torque in points:
         v = rpm * np.pi / 30.0 / ratio * WHEEL_RADIUS_M
-        f = torque * ratio * 0.92 / WHEEL_RADIUS_M - road_load_n(v)
+        road_load_n = 130.0 + 1.2 * v + 0.42 * v**2  # rolling resistance plus air drag
+        f = torque * ratio * 0.92 / WHEEL_RADIUS_M - road_load_n
         ramp = max(3.0, abs(v - speed[-1]) / 0.8)
         hold_s, size = time_s[-1] + ramp, rng.uniform(0.05, 0.13)
         steps += [(hold_s + 6.0, size), (hold_s + 12.0, -size), (hold_s + 18.0, 0.0)]
@@ -138,8 +139,3 @@ def _steady_points(rng: np.random.Generator) -> SpeedTrace:
     at = np.searchsorted([when for when, _ in steps], grid, side="right") - 1
     phi_step = np.where(at < 0, 0.0, np.array([size for _, size in steps])[at])
     return SpeedTrace(trace, gears.astype(np.int64), np.where(trace < 7.0, 0.0, brake), phi_step)
-
-
-def road_load_n(speed_m_s: float) -> float:
-    """Return rolling resistance plus air drag of the vehicle in N."""
-    return 130.0 + 1.2 * speed_m_s + 0.42 * speed_m_s**2

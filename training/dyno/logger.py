@@ -48,9 +48,6 @@ def polled(
     n = len(signals[names[0]])
     t_s = np.arange(0.0, (n - 1) * STEP_S, period_s)
     at = np.floor(t_s / STEP_S + 1e-6).astype(np.int64)
-    read = [_quantised(signals[each][at], RESOLUTION[each]) for each in names]
-    return t_s, np.column_stack(read)
-
-
-def _quantised(values: FloatArray, step: float) -> FloatArray:
-    return np.asarray(np.round(np.rint(values / step) * step, 6))
+    steps = np.array([RESOLUTION[each] for each in names])
+    read = np.column_stack([signals[each][at] for each in names])
+    return t_s, np.asarray(np.round(np.rint(read / steps) * steps, 6))

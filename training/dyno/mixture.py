@@ -129,21 +129,14 @@ def _fuel_step(
     """Return the state of wall film, canister vapour and oil one step later."""
     evaporated = f.film_mg / film_tau  # mg/s
     film_mg = f.film_mg + STEP_S * (share * injected * strokes_per_s - evaporated)
-    vapour = f.vapour_mg_s + STEP_S / 0.7 * (
-        e.purge
-        * c.canister_load
-        * np.exp(-t_s / 2500.0)
-        * purge_duty
-        * max(c.ambient_kpa - manifold_kpa, 0.0)
-        * 0.9
-        - f.vapour_mg_s
-    )
+    purged = e.purge * c.canister_load * np.exp(-t_s / 2500.0) * purge_duty
+    purged = purged * max(c.ambient_kpa - manifold_kpa, 0.0) * 0.9
+    vapour = f.vapour_mg_s + STEP_S / 0.7 * (purged - f.vapour_mg_s)
     oil_mg_s = e.oil_dilution * f.oil * np.exp((min(coolant, 90.0) - 90.0) / 25.0)
     oil = f.oil - STEP_S * f.oil * oil_mg_s * 2e-4
     extra = (evaporated + vapour + oil_mg_s) / strokes_per_s
-    return _Fuel(
-        film_mg, vapour, oil, (1.0 - share) * injected + (extra if not cut else 0.3 * extra)
-    )
+    cylinder_mg = (1.0 - share) * injected + (extra if not cut else 0.3 * extra)
+    return _Fuel(film_mg, vapour, oil, cylinder_mg)
 
 
 @numba.njit(cache=True)
@@ -352,10 +345,8 @@ def simulate(  # noqa: PLR0915  # the loop couples all parts in every step
         sensed[k % HISTORY] = healthy
         slow, reading = _read(slow, k, sensed, faulty, f)
         if faulty and f.ripple_lambda + f.hold_s + abs(f.drift_lambda) > 0.0:
-            since_s = t_s - f.start_s
-            reading = _aged(
-                reading, lambda_read, since_s, f.ripple_lambda, f.drift_lambda, f.hold_s
-            )
+            since_s, drift = t_s - f.start_s, f.drift_lambda
+            reading = _aged(reading, lambda_read, since_s, f.ripple_lambda, drift, f.hold_s)
         lambda_read = min(reading, LAMBDA_MAX)
 
         expected[k % HISTORY] = target if not cut else 0.0
@@ -399,15 +390,14 @@ def run(
     forced_trim : (n,) replaces the output of the lambda controller, None replaces nothing
     course : properties that follow the operating point, None is those of the type
     rear : catalyst and downstream sensor, by default none
-    rear_rng : draws the noise of the downstream sensor
+    rear_rng : draws the noise of the downstream sensor, None without one
     """
     noise = rng.standard_normal((len(drive.engine_rpm), 3))
     f = fault or Fault("healthy", 0.0)
     sensor = SensorParameters.of(f, start_s if fault else np.inf)
     trim = np.empty(0) if forced_trim is None else forced_trim
     course = course or usual_course(drive, p, e)
-    n_rear = len(noise) if rear.active and rear_rng is not None else 0
-    rear_noise = rear_rng.standard_normal(n_rear) if rear_rng is not None else np.empty(0)
+    rear_noise = np.empty(0) if rear_rng is None else rear_rng.standard_normal(len(noise))
     warm = 1.0 if c.coolant_start_degc > 60.0 else 0.0
     own, behind = simulate(
         drive, p, c, e, sensor, course, noise, phi_step, trim, rear, rear_noise, warm

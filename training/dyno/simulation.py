@@ -126,11 +126,9 @@ def _key(experiment: Experiment) -> list[int]:
 def _behind(fuel: Mixture, *, wide: bool) -> dict[str, FloatArray]:
     """Return the signals from behind the catalyst."""
     reading = fuel.downstream_reading
-    sensor = (
-        {"downstream_lambda": 1.0 / np.clip(1.0 + reading, 1.0 / 16.0, 2.0)}
-        if wide
-        else {"downstream_voltage_v": fuel.downstream_v}
-    )
+    sensor = {"downstream_voltage_v": fuel.downstream_v}
+    if wide:
+        sensor = {"downstream_lambda": 1.0 / np.clip(1.0 + reading, 1.0 / 16.0, 2.0)}
     return sensor | {
         "downstream_heater_percent": 100.0 * fuel.downstream_heater,
         "catalyst_temperature_degc": fuel.brick_degc,
