@@ -96,18 +96,14 @@ def plain_drives_of(
         return [from_recording(each) for each in recordings]
     chain = Greybox.of(card)
     meter_s = chain.charge.time_s if isinstance(chain.charge, ChargeError) else None
-    if meter_s and healthy and not _fitted_to(card, healthy):
+    trained, given = ({each.sha256 for each in of} for of in (card.recordings, healthy))
+    if meter_s and given and not trained <= given:  # it was fitted to others, too
         chain, meter_s = replace(chain, charge=None), None
     made = [_made(each, chain) for each in recordings]
     return [
         replace(from_recording(each, own), charged=bool(own), meter_s=meter_s)
         for each, own in zip(recordings, made, strict=True)
     ]
-
-
-def _fitted_to(card: ModelCard, recordings: Sequence[Recording]) -> bool:
-    """Whether a model was fitted to nothing but these recordings."""
-    return {each.sha256 for each in card.recordings} <= {each.sha256 for each in recordings}
 
 
 def _made(recording: Recording, chain: Greybox) -> dict[str, FloatArray]:

@@ -39,7 +39,7 @@ class BaseState:
 
     case: Case
     current: JointFit
-    roof: scoring.Ceiling
+    roof: FloatArray  # (m, k), see ``scoring.ceiling``
     deviance: FloatArray  # (n_blocks,)
     own: FloatArray  # (n_blocks,) by how much the effects in the model have made it fall
     known: Healthy | None  # the vehicle when healthy
@@ -130,10 +130,8 @@ def _is_no_phase(case: Case, skews: Sequence[FloatArray]) -> bool:
     skews : (m,) of each drive, what a charge that is late by 1 s changes
     """
     assert case.fixed is not None
-    whitened = np.split(
-        errors(case, predict(case, case.fixed, (), ())), np.cumsum([len(x) for x in skews])[:-1]
-    )
-    late_s = np.array(
-        [-(x @ e) / max(float(x @ x), 1e-12) for x, e in zip(skews, whitened, strict=True)]
-    )
+    ends = np.cumsum([len(x) for x in skews])[:-1]
+    whitened = np.split(errors(case, predict(case, case.fixed, (), ())), ends)
+    pairs = zip(skews, whitened, strict=True)
+    late_s = np.array([-(x @ e) / max(float(x @ x), 1e-12) for x, e in pairs])
     return bool(abs(late_s.mean()) > PHASE_MOST_S and (late_s * late_s.mean() > 0.0).all())

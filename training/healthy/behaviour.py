@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 
@@ -100,7 +100,7 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
     drives = [replace(drive, own=own) for drive in drives]
     tables = [columns(drive, base) for drive in drives]
     names, raw = common(tables)
-    target = [_left(drive, base) for drive in drives]
+    target = [np.asarray(d.phi_measured - phi_of(d, base) - d.moved_phi) for d in drives]
     kept = [d.kept for d in drives]
     stacked = np.concatenate([x[k] for x, k in zip(raw, kept, strict=True)])
     fold = np.concatenate([_fold(d, i) for i, d in enumerate(drives)])
@@ -121,7 +121,6 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
     for column, value in COLUMN_SPREAD.items():
         if column in names:
             spread[names.index(column)] = value
-    visited = Visited.of(drives)
     return Healthy(
         base=base,
         plain=plain,
@@ -129,7 +128,7 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
         names=names,
         ridge=whole,
         spread=spread,
-        visited=visited,
+        visited=Visited.of(drives),
         doubt=whole.doubt,
         charge=charge,
     )
@@ -142,13 +141,9 @@ def _smooth(names: Sequence[str]) -> FloatArray:
     Carried on it was wrong by 0.04 in phi.
     Source: Eilers and Marx, Flexible smoothing with B-splines and penalties, 1996.
     """
-    precision = np.zeros((len(names), len(names)))
-    at = [i for i, name in enumerate(names) if name.startswith(COOLANT)]
-    for pair in pairwise(at):
-        precision[np.ix_(pair, pair)] += (
-            np.array([[1.0, -1.0], [-1.0, 1.0]]) / LIMITS.coolant_step_phi**2
-        )
-    return precision
+    coolants = np.array([name.startswith(COOLANT) for name in names], dtype=bool)
+    steps = np.diff(np.eye(len(names))[coolants], axis=0)
+    return np.asarray(steps.T @ steps / LIMITS.coolant_step_phi**2)
 
 
 def _no_worse(
@@ -231,11 +226,6 @@ def _fit(drives: Sequence[ChainDrive], starts: Sequence[Constants]) -> JointFit:
 def _case(drives: Sequence[ChainDrive]) -> Case:
     moved = tuple(np.zeros(len(drive)) + drive.moved_phi for drive in drives)
     return Case(tuple(drives), moved, WHITE)
-
-
-def _left(drive: ChainDrive, base: Constants) -> FloatArray:
-    """Return the model's error, (n,) in phi."""
-    return np.asarray(drive.phi_measured - phi_of(drive, base) - drive.moved_phi)
 
 
 def white(series: FloatArray, ar: tuple[float, float]) -> FloatArray:

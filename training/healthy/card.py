@@ -38,7 +38,6 @@ def to_card(known: Healthy, recordings: Sequence[Recording]) -> dict[str, Any]:
 
     recordings : from which it was learned
     """
-
     rounded = partial(json_tree, digits=DIGITS)
     return {
         "schema": SCHEMA,
@@ -121,7 +120,7 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
         np.stack([_bools(row) for row in stored["visited"]["cells"]]),
         _bools(stored["visited"]["coolants"]),
     )
-    if [visited.cells.shape, visited.coolants.shape] != [each.shape for each in _nowhere()]:
+    if len({(each.cells.shape, each.coolants.shape) for each in (visited, Visited.of([]))}) > 1:
         raise ValueError("its operating points are others")
     return Healthy(
         base=_constants(stored["base"]),
@@ -143,11 +142,6 @@ def _known(stored: Mapping[str, Any]) -> Healthy:
 
 def _constants(stored: Mapping[str, float]) -> Constants:
     return Constants(*(float(stored[name]) for name in Constants._fields))
-
-
-def _nowhere() -> tuple[BoolArray, BoolArray]:
-    nowhere = Visited.of([])
-    return nowhere.cells, nowhere.coolants
 
 
 def _array(values: Sequence[float], n: int) -> FloatArray:

@@ -11,14 +11,7 @@ from threadpoolctl import threadpool_limits
 from monitor.base import config
 from monitor.base.config import Config
 from monitor.base.errors import RecordingError
-from monitor.frames.profiles.profile import (
-    Profile,
-    ProfileEngine,
-    is_profile,
-    load_profile,
-    path_of,
-    source_tree,
-)
+from monitor.frames.profiles import profile as profiles
 from monitor.grid.column_times import column_times
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -51,8 +44,8 @@ def complete(
     """
     path, settings, warnings = outcome.path, config.load(), list[str]()
     card = Model.load(path).card
-    if columns is not None and is_profile(path_of(Path(columns))):
-        card = replace(card, profile=tree_of(load_profile(path_of(Path(columns)))))
+    if columns is not None and profiles.is_profile(at := profiles.path_of(Path(columns))):
+        card = replace(card, profile=tree_of(profiles.load_profile(at)))
     card = replace(card, times=_times(card, recordings, settings))
     unseen, origin = outcome.healthy()
     try:
@@ -120,17 +113,15 @@ def set_reference(
     return store(path, known, used), None
 
 
-def tree_of(profile: Profile) -> dict[str, Any]:
+def tree_of(profile: profiles.Profile) -> dict[str, Any]:
     """Return the tree from which ``profile_of`` makes the profile again, without based_on."""
+    engine, tree = profile.engine, profiles.source_tree
     return {
         "title": profile.title,
         "stoich_afr": profile.stoich_afr,
-        "time": [source_tree(source) for source in profile.time],
-        "signals": {
-            name: [source_tree(source) for source in sources]
-            for name, sources in profile.signals.items()
-        },
-        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(ProfileEngine)},
+        "time": [*map(tree, profile.time)],
+        "signals": {name: [*map(tree, sources)] for name, sources in profile.signals.items()},
+        "engine": {each.name: getattr(profile.engine, each.name) for each in fields(engine)},
         **({"pivot": profile.pivot._asdict()} if profile.pivot else {}),
     }
 

@@ -58,9 +58,8 @@ class Visited:
 
 
 def _places(signals: Mapping[str, FloatArray]) -> tuple[IntArray, IntArray]:
-    speed = np.searchsorted(SPEEDS_RPM, signals["engine_speed_rpm"])
-    load = np.searchsorted(LOADS_MG, signals["air_mass_mg"])
-    return speed, load
+    rpm, mg = signals["engine_speed_rpm"], signals["air_mass_mg"]
+    return np.searchsorted(SPEEDS_RPM, rpm), np.searchsorted(LOADS_MG, mg)
 
 
 def _coolant(signals: Mapping[str, FloatArray]) -> IntArray | None:

@@ -42,9 +42,8 @@ def moved(before: JointFit, after: JointFit, blocks: IntArray) -> FloatArray:
 
 def by_block(error: FloatArray, blocks: IntArray) -> FloatArray:
     """Return the sum of bounded squares per block."""
-    return np.asarray(
-        np.bincount(blocks, np.minimum(np.abs(error), LARGEST) ** 2), dtype=np.float64
-    )
+    squares = np.minimum(np.abs(error), LARGEST) ** 2
+    return np.asarray(np.bincount(blocks, squares), dtype=np.float64)
 
 
 def score(before: FloatArray, after: FloatArray, moved: FloatArray | None = None) -> Score:
@@ -77,39 +76,36 @@ def win(better: FloatArray, other: FloatArray) -> float:
     return float((draws(len(better)) @ (other - better) > 0.0).mean())
 
 
-@dataclass(frozen=True, slots=True)
-class Ceiling:
-    """Columns of everything that could be explained, whitened."""
-
-    columns: FloatArray  # (m, k)
-
-
 def plain_columns(case: Case, found: JointFit) -> list[FloatArray]:
     """Return the functions, (n, k) per drive."""
     return common([columns(drive, found.base) for drive in case.drives])[1]
 
 
-def ceiling(case: Case, plain: Sequence[FloatArray]) -> Ceiling:
-    """Return the columns whitened as the case's errors are, in sigma."""
+def ceiling(case: Case, plain: Sequence[FloatArray]) -> FloatArray:
+    """Return the columns (m, k) of everything that could be explained, whitened as the case's
+    errors are, in sigma.
+    """
     whitened = [white(x, case.ar)[rows] for x, rows in zip(plain, case.rows, strict=True)]
     if case.shrinks:
         whitened = [shrink.apply(x) for shrink, x in zip(case.shrinks, whitened, strict=True)]
-    return Ceiling(np.concatenate(whitened) / case.sigma)
+    return np.asarray(np.concatenate(whitened) / case.sigma)
 
 
-def explained(found: JointFit, roof: Ceiling, blocks: IntArray) -> FloatArray:
+def explained(found: JointFit, roof: FloatArray, blocks: IntArray) -> FloatArray:
     """Return by how much the deviance of every held-out block falls with the ceiling."""
     rest = left_by(roof, found.jacobian, found.residual, blocks)
     return by_block(found.residual, blocks) - by_block(rest, blocks)
 
 
-def left_by(roof: Ceiling, known: FloatArray, errors: FloatArray, blocks: IntArray) -> FloatArray:
+def left_by(
+    roof: FloatArray, known: FloatArray, errors: FloatArray, blocks: IntArray
+) -> FloatArray:
     """Return what the ceiling leaves of held-out errors (m,) in sigma.
 
     known : (m, p) further columns, what constants that were fitted may move
     It is as free as bounded errors want it, because bounded errors are what counts.
     """
-    table = np.column_stack([roof.columns, known])
+    table = np.column_stack([roof, known])
     own = ridge.fit(table, errors, blocks % FOLDS, penalties=PENALTIES, largest=LARGEST)
     return errors - own.held_out
 
@@ -134,5 +130,4 @@ def floor_phi(case: Case, found: JointFit) -> float:
 def _plain_rest(case: Case, found: JointFit, plain: Sequence[FloatArray]) -> FloatArray:
     flat = replace(case, ar=(0.0, 0.0), sigma=1.0, shrinks=())
     e = plain_errors(case, predict(case, found.base, found.terms, found.parameters))
-    table = ceiling(flat, plain).columns
-    return e - ridge.fit(table, e, flat.blocks % FOLDS).held_out
+    return e - ridge.fit(ceiling(flat, plain), e, flat.blocks % FOLDS).held_out

@@ -38,13 +38,13 @@ def test_a_ceiling_that_knows_nothing_of_the_errors_leaves_them() -> None:
     rng = np.random.default_rng(3)
     errors = rng.standard_normal(3000)
     errors[::300] *= 20.0
-    roof, blocks = scoring.Ceiling(rng.standard_normal((3000, 150))), np.arange(3000) // 100
+    roof, blocks = rng.standard_normal((3000, 150)), np.arange(3000) // 100
     # THEN held-out blocks are hardly worse with it
     left = scoring.left_by(roof, np.empty((3000, 0)), errors, blocks)
     before, after = (scoring.by_block(each, blocks).sum() for each in (errors, left))
     assert after < 1.002 * before
     # and most of what one of the columns does is taken away
-    moved = errors + roof.columns[:, 7]
+    moved = errors + roof[:, 7]
     left = scoring.left_by(roof, np.empty((3000, 0)), moved, blocks)
     without, after = (scoring.by_block(each, blocks).sum() for each in (moved, left))
     assert after - before < 0.3 * (without - before)

@@ -21,7 +21,7 @@ def left_by_signal(state: BaseState, without: Collection[str] = ()) -> dict[str,
     drives, blocks = state.case.drives, state.case.blocks
     functions = [f for f in functions_of(drives) if f.signal not in (*without, *NO_CAUSES)]
     made = [columns(drive, state.current.base, functions) for drive in drives]
-    table, error = scoring.ceiling(state.case, made).columns, state.current.residual
+    table, error = scoring.ceiling(state.case, made), state.current.residual
     left = {}
     for signal in dict.fromkeys(f.signal for f in functions):
         own = table[:, [f.signal == signal for f in functions]]
