@@ -162,11 +162,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "warnings": list(result.all_warnings),
         "simulated": any(inputs.simulated),
         "sensor_known_good": inputs.sensor_known_good,
-        "base_model": {
-            "path": str(inputs.model),
-            "sha256": inputs.sha256,
-            "kind": inputs.kind,
-        },
+        "base_model": {"path": str(inputs.model), "sha256": inputs.sha256, "kind": inputs.kind},
         "recordings": [*map(_recording, inputs.recordings)],
         "healthy": [*map(_recording, inputs.healthy)],
         "held_out": [*map(_recording, inputs.verify)],

@@ -64,7 +64,7 @@ def investigate(
     for role, runs in (("new", new), ("healthy", known)):
         suitability.check_long(runs, role)
     error = float(np.sqrt(np.mean(np.concatenate([r.residual[r.scored] for r in new]) ** 2)))
-    unit = _unit(card)
+    unit = "phi" if card.transform == "phi" else card.output.unit or f"units of {card.output.name}"
     reference = ResponseReference.learn(known, card.input_names)
     difference = difference_of(new, reference, unit)
     verdict, suspected = _verdict(difference, sensor_known_good=sensor_known_good)
@@ -87,11 +87,6 @@ def investigate(
         ),
         seconds=time.monotonic() - began_s,
     )
-
-
-def _unit(card: ModelCard) -> str:
-    """Return what errors are in: phi, or the unit of an output that is not lambda."""
-    return "phi" if card.transform == "phi" else card.output.unit or f"units of {card.output.name}"
 
 
 def _beside(model: Path, card: ModelCard, recordings: Sequence[Recording]) -> list[Comparison]:

@@ -1,7 +1,7 @@
 """The named effects in a new model: whether they may be added, and the files that come of it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -70,10 +70,10 @@ def add(
     found = constants_of(subject, naming, known, knowledge.start)
     if not found.ratio < 1.0:
         return Addition(warnings=(NO_BETTER,))
-    files, each = _NewFiles.of(subject, knowledge), list(material.recordings)
+    write, each = _writer(subject, knowledge), list(material.recordings)
     new = folder / "new.onnx"
     try:
-        files.write(new, found.whole, each)
+        write(new, found.whole, each)
     except ModelError as error:
         return Addition(warnings=(f"what was found is not added: {error}",))
     left_out = list[Path]()
@@ -81,7 +81,7 @@ def add(
         others = [r for r, own in zip(each, groups(len(each)), strict=True) if own != group]
         if len(others) < len(each):
             left_out.append(folder / f"{group}.onnx")
-            files.write(left_out[-1], effects, others)
+            write(left_out[-1], effects, others)
     if known is not None and material.healthy and subject.is_greybox:
         card.store(new, known, material.healthy)  # with which its constants go
     return Addition(
@@ -110,39 +110,30 @@ def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _NewFiles:
-    """The old model, and what files with effects take beside the effects."""
+def _writer(
+    subject: Subject, knowledge: Knowledge
+) -> Callable[[Path, Effects, Sequence[Recording]], None]:
+    """Return what writes the model with effects fitted to recordings, limits set on these."""
+    model, known, vehicle = subject.material.model, knowledge.known, None
+    ranges = _ranges(subject.material.recordings, subject.drives)
+    if known is not None and subject.is_greybox:  # with the model's charge if the drives have it
+        charged, old = any(drive.charged for drive in subject.drives), Greybox.of(subject.card)
+        charge = old.charge if charged else known.charge
+        vehicle = replace(old, constants=known.base, own=known.own, charge=charge)
 
-    subject: Subject
-    knowledge: Knowledge
-    ranges: Ranges  # low and high of the signals that all recordings have
-    vehicle: greybox.ChainVehicle | None = field(default=None)
-
-    @classmethod
-    def of(cls, subject: Subject, knowledge: Knowledge) -> "_NewFiles":
-        known, vehicle = knowledge.known, None
-        if known is not None and subject.is_greybox:
-            old = Greybox.of(subject.card)
-            vehicle = greybox.ChainVehicle.of(known, old, subject.drives)
-        return cls(
-            subject, knowledge, _ranges(subject.material.recordings, subject.drives), vehicle
-        )
-
-    def write(self, out: Path, effects: Effects, recordings: Sequence[Recording]) -> None:
-        """Write the model with effects that were fitted to recordings, limits set on these."""
-        model, of = self.subject.material.model, tuple(map(training_recording, recordings))
-        if self.subject.is_greybox:
-            greybox.add(
-                model, effects, out, ranges=self.ranges, recordings=of, vehicle=self.vehicle
-            )
+    def write(out: Path, effects: Effects, recordings: Sequence[Recording]) -> None:
+        of = tuple(map(training_recording, recordings))
+        if subject.is_greybox:
+            greybox.add(model, effects, out, ranges=ranges, recordings=of, vehicle=vehicle)
         else:
-            chain = self.knowledge.plain
-            network.add(model, effects, chain, out, ranges=self.ranges, recordings=of)
+            network.add(model, effects, knowledge.plain, out, ranges=ranges, recordings=of)
         _set_limits(out, recordings)
+
+    return write
 
 
 def _ranges(recordings: Sequence[Recording], drives: Sequence[ChainDrive]) -> Ranges:
+    """Return low and high of the signals that all recordings have."""
     return {
         name: (
             float(min(np.min(d.signals[name]) for d in drives)),
@@ -168,8 +159,7 @@ def _set_limits(new: Path, recordings: Sequence[Recording]) -> None:
     except RecordingError:
         return
     found, old = (Limits.from_card(c, settings, str(new)) for c in (set_anew, model.card))
-    if old.evidence > found.evidence:
-        judged = judge_recordings(recordings, model, old, settings)
-        if not any(each.dtcs for each in judged):
-            return
-    update_card(new, set_anew)
+    if old.evidence <= found.evidence or any(
+        each.dtcs for each in judge_recordings(recordings, model, old, settings)
+    ):
+        update_card(new, set_anew)

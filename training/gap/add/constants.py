@@ -126,17 +126,9 @@ def _numbers(case: Case, drives: Sequence[ChainDrive]) -> list[int]:
 
 def _part(case: Case, rows: Sequence[int]) -> Case:
     """Return the case of some of its drives."""
-
-    def some(values: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(values[i] for i in rows) if values else ()
-
-    return replace(
-        case,
-        drives=some(case.drives),
-        corrections=some(case.corrections),
-        shrinks=some(case.shrinks),
-        scales=some(case.scales),
-    )
+    of_drives = {n: getattr(case, n) for n in ("drives", "corrections", "shrinks", "scales")}
+    some: dict[str, Any] = {n: tuple(v[i] for i in rows) for n, v in of_drives.items() if v}
+    return replace(case, **some)
 
 
 def _rms(case: Case, found: JointFit) -> FloatArray:

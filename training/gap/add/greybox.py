@@ -1,9 +1,8 @@
 """Effects become part of a grey-box model's file."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,32 +10,14 @@ from monitor.base.errors import ModelError
 from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import Model
 from training.greybox.chain import Constants
-from training.greybox.charge import Charge
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.fit.constants import Fitted, described, reference
-from training.greybox.fit.drive import ChainDrive
 from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.graph.effect_inputs import SPEED, Ranges, channel_of, limits_of, seeing
-from training.healthy.behaviour import Healthy
 from training.narx.export import write
 
 BEFORE = "before_effects"  # what the card's measures are of: the new model's are not known here
 BEFORE_EFFECTS = "; of the base before effects were added, with other values"
-
-
-@dataclass(frozen=True, slots=True)
-class ChainVehicle:
-    """The healthy vehicle's chain, learned anew."""
-
-    constants: Constants
-    own: tuple[ModelEffect, ...] = ()  # what it has beside them
-    charge: Charge | None = None
-
-    @classmethod
-    def of(cls, known: Healthy, model: Greybox, drives: Sequence[ChainDrive]) -> "ChainVehicle":
-        """Return the vehicle, with the model's charge if ``drives`` have it."""
-        charged = any(drive.charged for drive in drives)
-        return cls(known.base, known.own, model.charge if charged else known.charge)
 
 
 def add(
@@ -46,26 +27,35 @@ def add(
     *,
     ranges: Ranges,
     recordings: Sequence[TrainingRecording],
-    vehicle: ChainVehicle | None = None,
+    vehicle: Greybox | None = None,
 ) -> ModelCard:
     """Write ``model`` with effects behind those it has already to ``out``; return its card.
 
     ranges : low and high of every signal present in the drives of the fit; an optional signal
         that is not among them was not there, and the effect takes its own default for it
     recordings : what the effects were fitted to
-    vehicle : with which the effects were fitted, if it is not that of the model
+    vehicle : chain with which the effects were fitted, if its constants are not the model's
     Raises ModelError if the model is not a grey-box or a signal is missing.
     """
     card = Model.load(model).card
     if card.kind != "greybox":
         raise ModelError(f"{model}: a {card.kind} model, a greybox is wanted to add effects in it")
-    old = Greybox.of(card)
+    old = vehicle or Greybox.of(card)
     added = [seeing(each, old.inputs, ranges) for each in added]
-    if vehicle is not None:
-        old = replace(old, constants=vehicle.constants, own=vehicle.own, charge=vehicle.charge)
     greybox = _extended(old, added, ranges)
-    entries = [each.to_card(recordings) for each in added]
-    card = _card(card, greybox, entries, ranges, recordings)
+    known = {channel.name: channel for channel in card.inputs}
+    by_sha = {r.sha256: r for r in (*card.recordings, *recordings)}
+    card = replace(
+        card,
+        inputs=tuple(channel_of(n, known.get(n), ranges.get(n)) for n in greybox.inputs),
+        lags=greybox.memory,
+        state=greybox.state_layout,
+        recordings=tuple(by_sha.values()),
+        effects=(*card.effects, *(each.to_card(recordings) for each in added)),
+        structure=dict(card.structure) | greybox.structure(),
+        fit={BEFORE: card.fit.get(BEFORE, card.fit)},
+        checks={},
+    )
     if vehicle is not None:
         card = _with_constants(card, vehicle.constants)
     write(out, build(greybox), card)
@@ -78,30 +68,6 @@ def _extended(old: Greybox, added: Sequence[ModelEffect], ranges: Ranges) -> Gre
     further = [name for name in wanted if name not in (*old.inputs, SPEED)]  # it knows the speed
     limits = limits_of((*old.inputs, *further), old.limits, ranges)
     return replace(old, limits=limits, effects=(*old.effects, *added))
-
-
-def _card(
-    card: ModelCard,
-    greybox: Greybox,
-    entries: Sequence[Mapping[str, Any]],
-    ranges: Ranges,
-    recordings: Sequence[TrainingRecording],
-) -> ModelCard:
-    known = {channel.name: channel for channel in card.inputs}
-    by_sha = {r.sha256: r for r in (*card.recordings, *recordings)}
-    return replace(
-        card,
-        inputs=tuple(
-            channel_of(name, known.get(name), ranges.get(name)) for name in greybox.inputs
-        ),
-        lags=greybox.memory,
-        state=greybox.state_layout,
-        recordings=tuple(by_sha.values()),
-        effects=(*card.effects, *entries),
-        structure=dict(card.structure) | greybox.structure(),
-        fit={BEFORE: card.fit.get(BEFORE, card.fit)},
-        checks={},
-    )
 
 
 def _with_constants(card: ModelCard, constants: Constants) -> ModelCard:

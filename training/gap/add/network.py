@@ -14,7 +14,7 @@ from typing import Final
 import onnx
 
 from monitor.base.errors import ModelError
-from monitor.model.card import Channel, ModelCard, TrainingRecording
+from monitor.model.card import ModelCard, TrainingRecording
 from monitor.model.step import Model
 from training.greybox.chain import Constants
 from training.greybox.effects.model_effect import ModelEffect
@@ -51,9 +51,10 @@ def add(
     inputs = tuple(dict.fromkeys((*card.input_names, *difference.inputs)))
     own, size, n_inputs = _network_of(model, card)
     entries = [each.to_card(recordings) for each in difference.effects[len(older) :]]
+    known = {each.name: each for each in card.inputs}  # keep what the network was trained on
     new = replace(
         card,
-        inputs=_channels(card, inputs, ranges),
+        inputs=tuple(known.get(n) or channel_of(n, None, ranges.get(n)) for n in inputs),
         state=replace(card.state, size=size + 1 + difference.n_states),
         recordings=tuple({r.sha256: r for r in (*card.recordings, *recordings)}.values()),
         effects=(*card.effects, *entries),
@@ -120,9 +121,3 @@ def _with_output(graph: Graph, card: ModelCard, state: str, y: str, name: str = 
     size, at = int(card.structure["network_state"]), card.state.output_start
     before, after = graph.take(state, 0, at), graph.take(state, at + 1, size)
     return graph.add("Concat", [before, y, after], name, axis=1)
-
-
-def _channels(card: ModelCard, inputs: Sequence[str], ranges: Ranges) -> tuple[Channel, ...]:
-    """Return the inputs for a card; those that the network has keep what it was trained on."""
-    known = {each.name: each for each in card.inputs}
-    return tuple(known.get(name) or channel_of(name, None, ranges.get(name)) for name in inputs)

@@ -59,10 +59,7 @@ def response_of(new: Sequence[Comparison], healthy: Sequence[Comparison]) -> Res
 
     healthy : beside the same reading, whose gain is 1: a reading that is known badly has less
     """
-    tried = {
-        (delay_s, lag_s): _nearest(new, delay_s, lag_s)
-        for delay_s, lag_s in product(DELAYS_S, LAGS_S)
-    }
+    tried = {both: _nearest(new, *both) for both in product(DELAYS_S, LAGS_S)}
     (delay_s, lag_s), (gain, _) = min(tried.items(), key=lambda each: each[1][1])
     usual, _ = _nearest(healthy, 0.0, 0.0)
     return ResponseAccount(gain / usual, delay_s, lag_s)
@@ -70,13 +67,9 @@ def response_of(new: Sequence[Comparison], healthy: Sequence[Comparison]) -> Res
 
 def _nearest(runs: Sequence[Comparison], delay_s: float, lag_s: float) -> tuple[float, float]:
     """Return the gain of a late and slow healthy reading, and the sum of squares that it leaves."""
-    made, measured = (
-        np.concatenate([x[r.scored] for r, x in zip(runs, each, strict=True)])
-        for each in (
-            [lag(delayed(r.phi_predicted, delay_s / r.period_s), lag_s, r.period_s) for r in runs],
-            [r.phi_measured for r in runs],
-        )
-    )
+    late = [lag(delayed(r.phi_predicted, delay_s / r.period_s), lag_s, r.period_s) for r in runs]
+    made = np.concatenate([x[r.scored] for r, x in zip(runs, late, strict=True)])
+    measured = np.concatenate([r.phi_measured[r.scored] for r in runs])
     x, y = made - made.mean(), measured - measured.mean()
     gain = float(x @ y) / max(float(x @ x), 1e-300)
     return gain, float(((y - gain * x) ** 2).sum())

@@ -8,12 +8,7 @@ import numpy as np
 
 from monitor.base.counts import plain
 from training.gap.config import CONFIG
-from training.gap.response.account import (
-    ResponseAccount,
-    ResponseCurve,
-    past_s,
-    response_of,
-)
+from training.gap.response.account import ResponseAccount, ResponseCurve, past_s, response_of
 from training.gap.response.drivers import UNITS, find_drivers, name_of
 from training.gap.response.families import Family, families_of
 from training.gap.response.reference import ResponseReference
@@ -32,6 +27,7 @@ COMMAND: Final = "command"  # the ECU asks for another mixture than on healthy r
 TARGET: Final = "lambda_target"
 RICHEST: Final = 0.5  # lambda, the least that is plausible
 HALF: Final = 0.5  # of the error beyond healthy runs, that goes with a command
+SEED: Final = 0  # of the sets of healthy runs
 SHIFTS: Final = (SWING, "timing", "lag", "response", "timing with", "gain", "gain with")
 
 
@@ -79,13 +75,13 @@ class _Place:
 
 
 def difference_of(
-    new: Sequence[Comparison], reference: ResponseReference, unit: str = "", seed: int = 0
+    new: Sequence[Comparison], reference: ResponseReference, unit: str = ""
 ) -> Difference:
     """Return in what new runs differ from the healthy ones.
 
     unit : of the output, for the sentences; empty for phi
     """
-    ranked = sorted(_asked(new, reference, unit, seed), key=lambda p: -p.finding.z)
+    ranked = sorted(_asked(new, reference, unit), key=lambda p: -p.finding.z)
     first = _described_by(ranked)
     if first is None:
         return Difference(tuple(p.finding for p in ranked), None, None, None)
@@ -144,9 +140,7 @@ def _described_by(ranked: Sequence[_Place]) -> _Place | None:
     return min(good, key=lambda p: (SIMPLE.index(p.finding.kind), -p.finding.gain))
 
 
-def _asked(
-    new: Sequence[Comparison], reference: ResponseReference, unit: str, seed: int
-) -> list[_Place]:
+def _asked(new: Sequence[Comparison], reference: ResponseReference, unit: str) -> list[_Place]:
     fresh = reference.beside(new)
     runs = [*fresh, *reference.healthy]
     families = families_of(runs, find_drivers(runs), reference.regressors.inputs)
@@ -154,7 +148,7 @@ def _asked(
     plain = tuple(
         replace(r, phi_predicted=f.phi_predicted) for r, f in zip(new, fresh, strict=True)
     )
-    trial, chance = questions.answer(), questions.chance(np.random.default_rng(seed))
+    trial, chance = questions.answer(), questions.chance(np.random.default_rng(SEED))
 
     def place(family: Family | None, z: float, kind: str, gain: float, number: int) -> _Place:
         p = p_value(z, chance)

@@ -57,12 +57,11 @@ class Driver:
 
 def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:
     """Return the signals that all recordings have and that move, and those made from them."""
-    names = [
-        name
+    found = [
+        Driver(name, tuple(r.signals[name] for r in recordings))
         for name in recordings[0].signals
         if name not in NO_DRIVERS and all(name in r.signals for r in recordings)
     ]
-    found = [Driver(n, tuple(r.signals[n] for r in recordings)) for n in names]
     for name, make in DERIVED.items():
         made = [make(r) for r in recordings]
         values = tuple(m for m in made if m is not None)

@@ -123,7 +123,7 @@ def _fit(
     scale = np.sqrt(np.maximum(np.diagonal(grams.sum(0)), 1e-12))
     grams /= scale[:, None] * scale
     rights /= scale
-    best: tuple[float, float, list[FloatArray]] | None = None
+    tried = list[tuple[float, float, list[FloatArray]]]()
     for penalty in PENALTIES:
         each = [
             solve(grams.sum(0) - g, rights.sum(0) - b, penalty) / scale
@@ -132,11 +132,10 @@ def _fit(
         lost = sum(
             float(((y - x @ w) ** 2).sum()) for x, y, w in zip(rows, wanted, each, strict=True)
         )
-        if best is None or lost < best[0]:
-            best = (lost, penalty, each)
-    assert best is not None
-    whole = solve(grams.sum(0), rights.sum(0), best[1]) / scale
-    return [t @ w for t, w in zip(tables, best[2], strict=True)], whole
+        tried.append((lost, penalty, each))
+    _, penalty, best = min(tried, key=lambda of: of[0])
+    whole = solve(grams.sum(0), rights.sum(0), penalty) / scale
+    return [t @ w for t, w in zip(tables, best, strict=True)], whole
 
 
 def solve(gram: FloatArray, right: FloatArray, penalty: float = RIDGE) -> FloatArray:

@@ -38,13 +38,8 @@ class Regressors:
         """Return the columns for a model's inputs."""
         values = np.concatenate([_columns(r, inputs)[r.scored] for r in healthy])
         low, high = np.quantile(values, RANGE, axis=0)
-        return cls(
-            inputs=tuple(inputs),
-            low=low,
-            high=high,
-            mean=values.mean(axis=0),
-            spread=np.maximum(values.std(axis=0), 1e-12),
-        )
+        mean, spread = values.mean(axis=0), np.maximum(values.std(axis=0), 1e-12)
+        return cls(tuple(inputs), low, high, mean, spread)
 
     def __call__(self, run: Comparison) -> FloatArray:
         """Return the columns (n, m) of one recording; the first is a constant."""

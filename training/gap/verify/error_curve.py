@@ -29,11 +29,8 @@ def error_curve(
     before: Sequence[Comparison], after: Sequence[Comparison] | None
 ) -> ErrorCurve | None:
     """Return the curve over the signal, or what is made of signals, that explains most."""
-    old, new = (
-        None if runs is None else np.concatenate([r.residual[r.scored] for r in runs])
-        for runs in (before, after)
-    )
-    assert old is not None
+    both = [runs for runs in (before, after) if runs is not None]
+    errors = [np.concatenate([r.residual[r.scored] for r in runs]) for runs in both]
     best, most = None, 0.0
     for driver in find_drivers(before):
         x = np.concatenate([v[r.scored] for v, r in zip(driver.values, before, strict=True)])
@@ -42,12 +39,9 @@ def error_curve(
             continue
         part = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
         count = np.bincount(part)
-        at, found, then = (
-            None if values is None else np.bincount(part, values) / np.maximum(count, 1)
-            for values in (x, old, new)
-        )
-        assert at is not None and found is not None
-        explained = float(count @ (found - old.mean()) ** 2)
+        at, found, *then = (np.bincount(part, v) / np.maximum(count, 1) for v in (x, *errors))
+        explained = float(count @ (found - errors[0].mean()) ** 2)
         if explained > most:
-            most, best = explained, ErrorCurve(driver.name, at, found, then)
+            after_it = then[0] if then else None
+            most, best = explained, ErrorCurve(driver.name, at, found, after_it)
     return best

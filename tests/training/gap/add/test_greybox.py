@@ -14,7 +14,7 @@ from monitor.model.card import ModelCard
 from monitor.model.step import LAMBDA_MAX, Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.gap.gap_graphs import FIT, driven, fitted, plain, ranges_of, recording
-from training.gap.add.greybox import ChainVehicle, add
+from training.gap.add.greybox import add
 from training.greybox.chain import Constants
 from training.greybox.charge import INPUTS as CHARGE_INPUTS
 from training.greybox.effects import LIBRARY
@@ -89,9 +89,8 @@ def test_an_optional_signal_that_the_fit_had_not_is_not_read(
 def test_the_card_says_what_was_added(base: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.onnx"
     old = Model.load(base).card
-    card = add(
-        base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=ChainVehicle(MOVED)
-    )
+    vehicle = replace(Greybox.of(old), constants=MOVED)
+    card = add(base, [FILM, PURGE], out, ranges=ranges_of(), recordings=FIT, vehicle=vehicle)
     assert Model.load(out).card == card
     further = (
         "coolant_temperature_degc",
@@ -153,7 +152,8 @@ def test_the_healthy_vehicle_s_volumes_are_part_of_the_base(base: Path, tmp_path
         ModelEffect.with_values("mix_flow", [0.6]),
     )
     out, wide = tmp_path / "m.onnx", {"ranges": ranges_of(), "recordings": FIT}
-    card = add(base, [FILM], out, **wide, vehicle=ChainVehicle(MOVED, own))
+    vehicle = replace(Greybox.of(Model.load(base).card), constants=MOVED, own=own)
+    card = add(base, [FILM], out, **wide, vehicle=vehicle)
     # THEN the file reads as the arrays with all of them, and the effect alone is an added one
     assert missed(out, driven(), [*own, FILM], MOVED) < TOLERANCE
     assert missed(out, driven(), [FILM], MOVED) > 0.01
