@@ -40,10 +40,7 @@ LEGS_MOST: Final = 12
 
 
 def write_report(
-    path: Path,
-    fitted: FittedTables,
-    tables: Sequence[EcuTable],
-    notes: Mapping[str, str],
+    path: Path, fitted: FittedTables, tables: Sequence[EcuTable], notes: Mapping[str, str]
 ) -> None:
     """Write the page of tables, the lambda delay first, with notes (what → text) beside them."""
     subject = fitted.parameters.subject

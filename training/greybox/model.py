@@ -85,7 +85,18 @@ def fit_greybox(
     fitted, charge = fit_with_charge(drive, progress)
     greybox = replace(greybox, constants=fitted.constants, own=own, charge=charge)
     predicted = _free_run(data, u, greybox)
-    card = _card(greybox, fitted, data, predicted)
+    card = card_of(
+        data,
+        predicted,
+        kind="greybox",
+        lags=greybox.memory,
+        input_lag_start=0,
+        layers=(),
+        state=greybox.state_layout,
+        structure=described(fitted) | greybox.structure(),
+        checks={"contraction": asdict(greybox.contraction)},
+        reference=reference(fitted),
+    )
     write(out, build(greybox), card)
     warnings = (*data.warnings, *_warnings(fitted, card), *greybox.contraction.warnings())
     return GreyboxResult(
@@ -141,21 +152,6 @@ def _free_run(data: Prepared, u: FloatArray, greybox: Greybox) -> FloatArray:
     for s in data.segments:
         predicted[s.start + washout : s.stop] = greybox.reading(u[s.start : s.stop])[washout:]
     return predicted
-
-
-def _card(greybox: Greybox, fitted: Fitted, data: Prepared, predicted: FloatArray) -> ModelCard:
-    return card_of(
-        data,
-        predicted,
-        kind="greybox",
-        lags=greybox.memory,
-        input_lag_start=0,
-        layers=(),
-        state=greybox.state_layout,
-        structure=described(fitted) | greybox.structure(),
-        checks={"contraction": asdict(greybox.contraction)},
-        reference=reference(fitted),
-    )
 
 
 def _warnings(fitted: Fitted, card: ModelCard) -> list[str]:

@@ -32,18 +32,10 @@ class JointSearch:
     steps_most: int
 
 
-NEARBY: Final = JointSearch(
-    Constants(
-        gain=0.01,
-        dead_time_s=0.02,
-        dead_time_revolutions=0.2,
-        mixing_s=0.02,
-        sensor_s=0.02,
-        span=0.02,
-    ),
-    1e-5,
-    40,
+_NEARBY: Final = Constants(
+    gain=0.01, dead_time_s=0.02, dead_time_revolutions=0.2, mixing_s=0.02, sensor_s=0.02, span=0.02
 )
+NEARBY: Final = JointSearch(_NEARBY, 1e-5, 40)
 
 
 @dataclass(frozen=True, slots=True)

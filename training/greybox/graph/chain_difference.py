@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from training.greybox.chain import Constants, inputs_of
 from training.greybox.effects.model_effect import ModelEffect
 from training.greybox.graph.chain_graph import Greybox
-from training.greybox.graph.effect_inputs import SPEED, Ranges, limits_of, seeing
+from training.greybox.graph.effect_inputs import SPEED, Ranges, check_there, limits_of, seeing
 from training.narx.export import Graph
 
 
@@ -36,12 +35,7 @@ class ChainDifference(Greybox):
         known = {each.name: (each.minimum, each.maximum) for each in card.inputs}
         available = {*known, *ranges}
         chain = inputs_of(available)
-        missing = [name for name in chain if name not in available]
-        if missing:
-            raise ModelError(
-                f"the chain needs {', '.join(missing)}: neither an input of the model nor in the "
-                "drives of the fit"
-            )
+        check_there("the chain", chain, available)
         effects = tuple(seeing(each, tuple(known), ranges) for each in added)
         wanted = dict.fromkeys((*chain, *(name for each in effects for name in each.reads or ())))
         inputs = [name for name in wanted if name != SPEED or SPEED in chain]

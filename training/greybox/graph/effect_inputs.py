@@ -1,6 +1,6 @@
 """The inputs of a model with effects: the signals that the effects read, and their ranges."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,14 +20,18 @@ SURROUNDINGS = "context"  # role of signals that change between drives and hardl
 
 def seeing(added: ModelEffect, inputs: Sequence[str], ranges: Ranges) -> ModelEffect:
     """Return an effect that reads the present signals; raises ModelError if it lacks one."""
-    available = {*inputs, *ranges, SPEED}  # which a chain works out if it is no input
-    missing = [name for name in added.effect.needs if name not in available]
-    if missing:
-        raise ModelError(
-            f"effect {added.name} needs {', '.join(missing)}: neither an input of the model nor "
-            "in the drives of the fit"
-        )
+    # a chain works out the speed if it is no input
+    check_there(f"effect {added.name}", added.effect.needs, {*inputs, *ranges, SPEED})
     return replace(added, reads=added.effect.signals_of(ranges))
+
+
+def check_there(reader: str, wanted: Iterable[str], available: Collection[str]) -> None:
+    """Raise ModelError if a signal that a chain or an effect reads is not available."""
+    if missing := [name for name in wanted if name not in available]:
+        raise ModelError(
+            f"{reader} needs {', '.join(missing)}: neither an input of the model nor in the "
+            "drives of the fit"
+        )
 
 
 def limits_of(inputs: Iterable[str], old: Ranges, seen: Ranges) -> Ranges:

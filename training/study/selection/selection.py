@@ -14,13 +14,7 @@ from training.recordings.recording import Recording
 from training.recordings.samples.augmentation import CONTROLLER
 from training.recordings.samples.linear_data import linear_stretches
 from training.recordings.samples.preparation import output_transform
-from training.study.selection.input_sets import (
-    InputSet,
-    aligned,
-    figures,
-    scored_rows,
-    try_sets,
-)
+from training.study.selection.input_sets import InputSet, aligned, figures, scored_rows, try_sets
 from training.study.selection.transparency import transparency
 from training.study.task import Parts, Task
 
