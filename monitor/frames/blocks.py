@@ -12,6 +12,7 @@ from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 EXTENDED: Final = 1 << 31  # bit of a block's key: the identifier has 29 bits
 FRAMES: Final = 1 << 16  # most frames in a block
 MAX_BYTES: Final = 64  # data of a CAN FD frame
+FD_LENGTHS: Final = (12, 16, 20, 24, 32, 48, 64)  # bytes of the length codes 9 to 15 of CAN FD
 LATEST_S: Final = 9.2e9  # 64 bits of nanoseconds end in the year 2262
 DAMAGED_SHARE: Final = 0.01  # of the lines; a log with more of them is another format, or rubbish
 

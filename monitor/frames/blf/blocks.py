@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
 from monitor.frames import swar
 from monitor.frames.blf import structure
-from monitor.frames.blocks import EXTENDED, LATEST_S, CutShortError, LogCounters, chosen
+from monitor.frames.blocks import EXTENDED, FD_LENGTHS, LATEST_S, CutShortError, LogCounters, chosen
 from monitor.frames.bounds import BoundError, Inflation
 from monitor.frames.channels import Channels
 
@@ -38,23 +38,15 @@ _CONTAINER_HEADER: Final = struct.Struct("<H14x")  # method of compression
 _STORED, _DEFLATED = 0, 2
 _REMOTE: Final = 0x80  # flag of a classic frame
 _EXACT: Final = 1 << 53  # a double holds every integer up to this one
-_LENGTHS: Final = np.array(
-    [*range(9), 12, 16, 20, 24, 32, 48, *[64] * 241]
-)  # bytes per CAN FD length code
+_LENGTHS: Final = np.array([*range(9), *FD_LENGTHS, *[64] * 240])  # bytes by CAN FD's length code
 _DATA: Final = swar.masks([swar.kept_first(n) for n in range(9)])  # mask of n bytes of data
 
 # Class of an object by its type, and the bytes needed after its header.
 _OTHER, _SKIPPED, _CLASSIC, _FD, _FD_64 = range(5)
 _CLASS: Final = np.zeros(256, dtype=np.uint8)
 _NEEDED: Final = np.zeros(256, dtype=np.int64)
-for _type, _class, _size in (
-    (1, _CLASSIC, 16),
-    (86, _CLASSIC, 16),
-    (73, _SKIPPED, 32),
-    (100, _FD, 84),
-    (101, _FD_64, _FD_64_BYTES),
-):
-    _CLASS[_type], _NEEDED[_type] = _class, _size
+_CLASS[[1, 86, 73, 100, 101]] = _CLASSIC, _CLASSIC, _SKIPPED, _FD, _FD_64
+_NEEDED[[1, 86, 73, 100, 101]] = 16, 16, 32, 84, _FD_64_BYTES
 _HEADER: Final = np.array([0, 32, 40])  # bytes by header version; other versions are skipped
 
 

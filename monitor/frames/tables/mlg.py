@@ -133,9 +133,7 @@ def _bits(entry: bytes, dtype: str, names: _Names) -> list[_Field]:
     own = names.of(index, min(count, 8 * np.dtype(dtype).itemsize))
     group = _text(entry[1:35])
     return [
-        _Field(
-            name=f"{group}: {_text(name)}", unit="", dtype=dtype, scale=1.0, transform=0.0, bit=bit
-        )
+        _Field(f"{group}: {_text(name)}", "", dtype, 1.0, 0.0, bit)
         for bit, name in enumerate(own)
         if name and _text(name) != "INVALID"
     ] or [_Field(group, "", dtype, 1.0, 0.0)]

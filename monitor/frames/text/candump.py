@@ -14,14 +14,7 @@ from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
 from monitor.frames import swar
-from monitor.frames.blocks import (
-    EXTENDED,
-    LogCounters,
-    block_of,
-    chosen,
-    put,
-    widened,
-)
+from monitor.frames.blocks import EXTENDED, LogCounters, block_of, chosen, put, widened
 from monitor.frames.channels import Channels
 from monitor.frames.text.layouts import frame_of_line
 from monitor.frames.text.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks

@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
-from monitor.frames.blocks import LATEST_S, MAX_BYTES, CutShortError, LogCounters
+from monitor.frames.blocks import FD_LENGTHS, LATEST_S, MAX_BYTES, CutShortError, LogCounters
 from monitor.frames.bounds import head_of
 from monitor.frames.tables.cells import ColumnClock, clock
 from monitor.frames.tables.dialect import encoding_of, name_and_unit
@@ -32,7 +32,6 @@ _DAY_S: Final = 86_400.0
 _KVASER_EXTENDED: Final = 4
 _KVASER_NO_DATA: Final = 0x21  # remote frame, error frame
 _STANDARD: Final = 0x7FF  # largest identifier of 11 bits
-_FD_LENGTHS: Final = (12, 16, 20, 24, 32, 48, 64)  # bytes of the length codes 9 to 15 of CAN FD
 _PEAK_EPOCH: Final = datetime(1899, 12, 30, tzinfo=timezone.utc)  # noqa: UP017
 
 
@@ -46,8 +45,8 @@ class TextLayout:
     """How a tool writes frames as lines of text.
 
     A pattern of frames has the groups time, id and data or base64, and where the tool writes them
-    channel, ext, length or dlc (its code), fd, remote and error. A line that fits neither
-    ``frames`` nor ``other`` is damaged.
+    channel, ext, length or dlc (its code), fd, dec (a decimal id), remote and error. A line that
+    fits neither ``frames`` nor ``other`` is damaged.
     """
 
     tool: str
@@ -65,6 +64,11 @@ class TextLayout:
         return next(filter(None, (frame.fullmatch(line) for frame in self.frames)), None)
 
 
+def _counted_s(text: str) -> float:
+    """Return a number of seconds; whole ones are of ms."""
+    return _seconds(text) / (1.0 if "." in text else 1e3)
+
+
 def _told_s(text: str) -> float:
     """Return a number of seconds; 13 digits before its point and more are of ms, µs or ns."""
     return _seconds(text) * 1e-3 ** max(0, (len(re.split("[.,]", text)[0]) - 10) // 3)
@@ -73,6 +77,7 @@ def _told_s(text: str) -> float:
 _ANY: Final = re.IGNORECASE | re.ASCII
 _CELLS: Final = {  # of a line, as the patterns below name them
     "time": r"(?P<time>\d+(?:[.,]\d+)?)",
+    "clock": r"(?P<time>\d+:\d+:\d+:\d+)",
     "channel": r"(?P<channel>\d+)",
     "id": r"(?P<id>(?:0x)?[0-9a-f]+)",
     "short": r"(?P<id>[0-9a-f]{1,4}|(?P<ext>[0-9a-f]{8}))",
@@ -142,12 +147,15 @@ CANDUMP: Final = _layout(  # its error frames have a flag in their identifier
     r"(?:(?P<remote>r)\S*|(?:#\S?)?(?P<data>(?:[0-9a-f]{2}\.?)*)(?:_\S*)?))(?: .*)?",
     time_s=float,
 )
+_ASC_DATA: Final = r"(?:d )?(?P<dlc>[0-9a-f]{1,2})(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=))*)"
 ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
     "Vector ASC",
     r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)",
-    r"@time @channel @id@ext? (?:(?:Rx|Tx|TxRq) )?(?:@remote(?: \w+)?|d (?P<dlc>[0-9a-f]{1,2})"
-    r"(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=))*))(?: \w+\s*=\s*\S+)*",
-    r"@time CANFD @channel (?:Rx|Tx|TxRq) @id@ext? (?:\S*[^\s\d]\S* )?[01] [01] [0-9a-f]+ "
+    # names may stand in place of identifiers, which the end of the line tells
+    rf"@time @channel \S+ (?:Rx|Tx|TxRq) {_ASC_DATA} .*\bID\s*=\s*(?P<id>(?P<dec>\d+))@ext?",
+    rf"@time @channel @id@ext? (?:(?:Rx|Tx|TxRq) )?(?:@remote(?: \w+)?|{_ASC_DATA})"
+    r"(?: \w+\s*=\s*\S+)*(?: //.*)?",
+    r"@time (?P<fd>CANFD) @channel (?:Rx|Tx|TxRq) @id@ext? (?:\S*[^\s\d]\S* )?[01] [01] [0-9a-f]+ "
     r"@length@data(?:\s.*)?",
     r"@time (?:CANFD )?@channel (?:[RT]x )?(?P<error>ErrorFrame).*",
     # of a channel: a name that is no identifier behind its number
@@ -204,8 +212,10 @@ LAYOUTS: Final = (
     _layout(
         "BusMaster",
         r"^\*\*\*BUSMASTER",
-        r"(?P<time>\d+:\d+:\d+:\d+) [RT]x @channel @id (?:s|@ext)@remote? @length@data",
-        other=r"\*\*\*.*|.*\bERR\b.*",
+        r"@clock [RT]x @channel @id (?:s|@ext)(?:@remote|(?P<fd>-fd))? @length@data",
+        r"@clock @channel (?P<id>(?P<ext>\w+)) 0x\w+ \w+ \w+ \w+ \d+ [RT]x "  # J1939
+        r"(?P<length>[1-5]?\d|6[0-4])@data",  # longer groups are of several frames
+        other=r"\*\*\*.*|.*\bERR\b.*|.* 0x.* [RT]x .*",
         wraps=True,
     ),
     _layout(
@@ -234,7 +244,15 @@ LAYOUTS: Final = (
         r"Microchip Technology|^CAN BUS Analyzer",
         r"@time;[RT]X;@id;@length@data[;\s]*",
         other=r"[^;]*",
-        time_s=lambda text: _seconds(text) / (1.0 if "." in text else 1e3),
+        time_s=_counted_s,
+    ),
+    _layout(
+        "labelled frames",  # as sketches for microcontrollers print them
+        r"^\W{0,9}(?:t\w*\W+)?\d[\d.]*\W.{0,40}\bid\W+[0-9a-fx]+\b.{0,60}\bdata\W+[0-9a-fx]+\b",
+        r"\W*(?:t\w*\W+)?@time\b.{0,40}?\bid\W+@id\b.{0,40}?\b(?:dlc|len\w*)\W+@length\b"
+        r".{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b)+)\W*",
+        other=r"\D*",
+        time_s=_counted_s,
     ),
     _layout(
         "python-can",
@@ -320,6 +338,7 @@ class LayoutFound(NamedTuple):
     base: int = 16  # of identifiers and data
     deltas: bool = False  # each time is counted from the line before
     start_s: float = 0.0  # of the log, since 1970
+    fd_base: int = 16  # of identifiers and data of CAN FD
 
 
 def layout_of(path: Path, kind: str = "") -> LayoutFound:
@@ -350,7 +369,10 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec|data field: DEC", text, _ANY | re.M)
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
         start_s = _start_s(text) if layout is ASC else 0.0
-        return LayoutFound(layout, encoding, base, _are_deltas(layout, rows, text), start_s)
+        fd = " ".join(row["data"] for row in rows if row.groupdict().get("fd"))
+        fd_base = 16 if re.search("[a-f]", fd, re.I) else base  # CANoe's, beside decimal ones
+        deltas = _are_deltas(layout, rows, text)
+        return LayoutFound(layout, encoding, base, deltas, start_s, fd_base)
     return LayoutFound(encoding=encoding)
 
 
@@ -380,14 +402,18 @@ def _table(text: str) -> TextLayout | None:
     """Return the layout of a table of frames by the names of its columns, None if it is none."""
     lines = text.splitlines()[:_HEADER_WITHIN]
     for number, line in enumerate(lines):
+        below = lines[number + 1 :]
         for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
             # CAN_DataFrame.ID, can.id
-            names = [name.strip(' "%').casefold().rpartition(".")[2] for name in line.split(sep)]
-            pattern = _table_row(names, sep)
-            if pattern and (rows := [*filter(None, map(pattern.fullmatch, lines[number + 1 :]))]):
-                ids = {row["id"] for row in rows}
-                time_s = _table_time(names, [row["time"] for row in rows], len(ids))
-                return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=_id_base(line, ids))
+            every = [name.strip(' "%').casefold().rpartition(".")[2] for name in line.split(sep)]
+            clock_alone = ["" if name.startswith("time") else name for name in every]
+            for names in every, clock_alone:  # the adapter's time may be a hexadecimal count
+                pattern = _table_row(names, sep)
+                if pattern and (rows := [*filter(None, map(pattern.fullmatch, below))]):
+                    ids = {row["id"] for row in rows}
+                    time_s = _table_time(names, [row["time"] for row in rows], len(ids))
+                    base = _id_base(line, ids)
+                    return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=base)
     return None
 
 
@@ -527,8 +553,9 @@ def _frame(groups: dict[str, str | None], time_s: float, found: LayoutFound) -> 
     if bits & _KVASER_NO_DATA:
         return None
     assert found.layout
-    can_id = int(groups["id"] or "", found.layout.id_base or found.base)
-    data = _data(groups, found.base)
+    base = found.fd_base if groups.get("fd") else found.base
+    can_id = int(groups["id"] or "", 10 if groups.get("dec") else found.layout.id_base or base)
+    data = _data(groups, base)
     late_s = found.start_s + time_s
     if len(data) > MAX_BYTES or not abs(late_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
@@ -549,7 +576,7 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
         if len(text) == 1 and len(text[0]) > 3:  # without spaces
             text = re.findall("..", text[0].lower().removeprefix("0x"))
         if _CLASSIC < length < 16:  # a code of CAN FD, if the line has so many bytes
-            n = _FD_LENGTHS[length - _CLASSIC - 1]
+            n = FD_LENGTHS[length - _CLASSIC - 1]
             length = n if len(text) >= n or (code and groups.get("fd")) else length
         text = text if length < 0 else text[:length]  # a counter may stand behind the bytes
         data = bytes(int(byte, base) for byte in text)

@@ -67,6 +67,8 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("Vehicle Spy Message History\nLine,Abs Time(Sec)\n", "not read, convert it with Vehicle"),
         ("Time,Channel,ID,Length\n0.1,0,0C2,1,FF\n", "frames as CSV: not read"),
         ("  can0  0C2   [2]  11 22\n", "candump without times"),
+        ("ready\nID: 0xC2 DLC: 2 Data: 0x11 0x22\n", "a sketch's own print of frames without"),
+        ("-----\nGet data from ID: 0xC2\n11\t22\t\n", "a sketch's own print of frames without"),
         ("00C2 [2] 11 22 \n00C3 [1] ff \n", "candump without times"),
         ("0C2#1122\n0C3#\n18FEF100#FF", "candump without times"),
         ("0xC2A,1,00\n0xC3A,1,01\n0xC2A,1,02\n", "identifiers and data without times: not read"),
@@ -108,6 +110,20 @@ def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) ->
     path.write_text("base hex timestamps absolute\n" + " 0.1 1  EngineData  Rx  d 1 FF\n" * 9)
     with pytest.raises(RecordingError, match=r"line 2 is '0[.]1 1 EngineData Rx d 1 FF'"):
         list(read_frames(path))
+
+
+def test_parameter_groups_of_busmaster_are_read_as_far_as_a_frame_carries_them(
+    tmp_path: Path,
+) -> None:
+    path, counters = tmp_path / "j1939.log", LogCounters()
+    row = "10:00:00:{} 1 1cec{}00 0x00EC00 BROADCAST 00  FF  007 Tx {} {}\n"
+    short, long = row.format("0100", "ff", 3, "00 EE 07 "), row.format("0200", "fe", 99, "00 " * 99)
+    path.write_text(f"***BUSMASTER Ver 3.2***\n***PROTOCOL J1939***\n***HEX***\n{short}{long}")
+    frames = list(read_frames(path, counters))
+    assert [(f.can_id, f.is_extended, f.data.hex()) for f in frames] == [
+        (0x1CECFF00, True, "00ee07")
+    ]
+    assert counters.notes == []
 
 
 @pytest.mark.parametrize(
