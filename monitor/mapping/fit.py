@@ -18,23 +18,16 @@ import numpy as np
 from monitor.base.counts import plain
 from monitor.base.signals import plausible_range
 from monitor.base.types import FloatArray
+from monitor.frames.profiles.profile import STOICH_AFR
 from monitor.frames.units import UNITS, Unit, conversion, unit_of
-from monitor.mapping.vocabulary import (
-    GASOLINE_KG_L,
-    QUANTITIES,
-    STOICHIOMETRIC,
-    VOCABULARY,
-    WORDS,
-    MapQuantity,
-    match,
-    words_of,
-)
+from monitor.mapping.vocabulary import QUANTITIES, VOCABULARY, WORDS, MapQuantity, match, words_of
 
 SURE: Final = 0.6  # a signal of this confidence is proposed
 ASSUMED: Final = 0.85  # confidence that is left without a unit, or where only the message says it
 DOUBTED: Final = 0.6  # after a doubt
 OTHER_NAME: Final = 0.4  # after one of name, unit or values: no rival
 ANY: Final = (-1e30, 1e30)  # range of a float
+GASOLINE_KG_L: Final = 0.745
 FEW: Final = 20  # values that say nothing
 MOST_ABOVE: Final = 100.0  # times the plausible range; a stated range beyond has another unit
 TEMPERATURE_OFFSETS: Final = frozenset({-40.0, -48.0, -50.0, -60.0})  # of degC alone
@@ -44,7 +37,7 @@ UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
     "pressure": [(t, UNITS[t.lower()]) for t in ("kPa", "MPa", "bar", "hPa", "psi", "inHg")],
     "temperature": [(text, UNITS[text.lower()]) for text in ("°C", "°F")],
     "share": [("", UNITS["%"]), ("", Unit("share", 100.0))],
-    "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICHIOMETRIC))],
+    "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICH_AFR))],
 }
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
 _ROLES: Final = {"other": 1.0, "target": 1.0}
@@ -136,9 +129,10 @@ def _by_name(quantity: MapQuantity, d: Description) -> QuantityFit | None:
         rest = [word for word in words if word in rest]
         if len(rest) < len(words):
             sure, why = ASSUMED * both, f"its name and message say {d.message} {d.name}"
-    unit = unit_of(d.unit, STOICHIOMETRIC) if quantity.name == "lambda_measured" else None
+    unit = unit_of(d.unit, STOICH_AFR) if quantity.name == "lambda_measured" else None
     if unit and unit.quantity == "lambda" and unit.factor != 1.0:  # no other sensor has this unit
-        rest = [w for w in (rest if sure else words) if len(w) > 2 and w not in WORDS["noise"]]
+        told = [w for w in (rest if sure else words) if w not in WORDS["noise"]]
+        rest = [w for w in told if len(w) > 2 or match(_ROLES, (w,))[0]]
         sure, why = max(sure, SURE), why if sure else f"its unit is {d.unit}"
     if not sure:
         return None
@@ -153,9 +147,9 @@ def _doubts(
 ) -> Iterator[str]:
     """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
     first = next(iter(words), "")[:_PREFIX_LETTERS]  # perhaps an ECU's, which says nothing
-    is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and rest[:1] == [first]
-    if is_apart and not match(_ROLES, (first,))[0] and not WORDS["bare"].issuperset(words[1:]):
-        rest = [*dropwhile(str.isdigit, rest[1:])]
+    is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not match(_ROLES, (first,))[0]
+    if is_apart and not WORDS["bare"].issuperset(words[1:]):
+        rest = [*dropwhile(lambda word: word == first or word.isdigit(), rest)]
     told = quantity.also.union(*(text.split("/") for text in _own_units(quantity, words)))
     yield from [f"its name says {word!r}, too" for word in rest if word not in told][:1]
     texts = f"{d.name} {d.message}", *map(" ".join, (words_of(d.message), words)), d.unit
@@ -182,7 +176,7 @@ def _of_one_sensor(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Q
 
 def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterator[QuantityFit]:
     """Yield the fit with each way to the canonical unit; a stated unit is a constraint."""
-    kind, unit = quantity.unit.quantity, unit_of(d.unit, STOICHIOMETRIC)
+    kind, unit = quantity.unit.quantity, unit_of(d.unit, STOICH_AFR)
     said = _own_units(quantity, words_of(d.name)) if d.unit in ("", "-") else {}
     word, unit = next(iter(said.items()), ("", unit))
     if unit is None and d.unit:
@@ -201,14 +195,14 @@ def _readings(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterat
         factor, offset = conversion(unit, quantity.unit)
         afr = f", divided by {1 / factor:g}: check what it counts with" * (kind == "lambda")
         why = f"its unit is {word or d.unit}{afr}"
-        named = word if unit != quantity.unit else ""
+        named = (word or d.unit) if unit != quantity.unit else ""
         yield fit.judged(why, factor=factor, offset=offset, unit=named)
 
 
 def _own_units(quantity: MapQuantity, words: tuple[str, ...]) -> dict[str, Unit]:
     """Return the units of the quantity that a name's words say, alone or two as in ``kg_s``."""
     texts = (word for word in (*words, *map("/".join, pairwise(words))) if word != "o2")
-    found = ((text, unit_of(text, STOICHIOMETRIC)) for text in texts)
+    found = ((text, unit_of(text, STOICH_AFR)) for text in texts)
     kinds = (quantity.unit.quantity, "phi" if quantity.unit == UNITS["-"] else "")
     return {text: u for text, u in found if u and u.quantity in kinds and u != UNITS["-"]}
 
@@ -230,25 +224,15 @@ def _assumed(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Iterato
         factor, offset = conversion(unit, quantity.unit)
         read = fit.judged(why, ASSUMED, factor=factor, offset=offset, unit=text)
         reads.append(fit if unit == UNITS["-"] else read)
-    likely = [read for read in reads if _is_usual(quantity, read, d)]
-    inside = [read for read in likely if _middle(read, d) >= quantity.usual[0]]
-    likely = inside if len(inside) == 1 else likely
+    middles = [float(np.median(read.canonical(d.known))) for read in reads if len(d.known)]
+    low, high = quantity.usual
+    likely = [each for each, middle in zip(reads, middles, strict=False) if low <= middle <= high]
     low, high = quantity.typical
-    is_told = is_plain or len(likely) < 2 or low <= _middle(reads[0], d) <= high
+    is_told = is_plain or len(likely) < 2 or low <= middles[0] <= high
     units = "" if is_told else f": {' or '.join(read.unit for read in likely)}?"
     for read in reads:
         is_borne_out = kind not in SEVERAL and is_told and read in likely
         yield read if is_plain or is_borne_out else read.doubted(f"no unit is given{units}")
-
-
-def _is_usual(quantity: MapQuantity, fit: QuantityFit, d: Description) -> bool:
-    """Return whether the upper half of the values reaches into an engine's usual range."""
-    (low, high), values = quantity.usual, fit.canonical(d.known)
-    return bool(len(values)) and _middle(fit, d) <= high and float(values.max()) >= low
-
-
-def _middle(fit: QuantityFit, d: Description) -> float:
-    return float(np.median(fit.canonical(d.known)))
 
 
 def _flag(quantity: MapQuantity, d: Description, fit: QuantityFit) -> QuantityFit:

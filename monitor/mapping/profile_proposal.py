@@ -17,6 +17,7 @@ from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
 from monitor.frames.profiles.profile import (
+    STOICH_AFR,
     ProfileEngine,
     Source,
     shipped,
@@ -29,7 +30,7 @@ from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
 from monitor.mapping.fit import SEVERAL, SURE, Description, QuantityFit, fit_of
 from monitor.mapping.proposal import Entry, SignalCandidate, entries, propose, toml
-from monitor.mapping.vocabulary import QUANTITIES, STOICHIOMETRIC, WORDS, match, words_of
+from monitor.mapping.vocabulary import QUANTITIES, WORDS, match, words_of
 from monitor.report.check_table import TableCheck
 
 _ENOUGH: Final = 6  # columns to know a logger by
@@ -104,19 +105,18 @@ def _candidates(
                 known.setdefault(key(source.column), (name, source))
     found: dict[str, list[SignalCandidate]] = {signal.name: [] for signal in SIGNALS}
     for i, column in enumerate(raw.columns):
-        values = cells[:, i]
+        values, stated = cells[:, i], stated_unit(column, STOICH_AFR)
         if not column.name or not np.isfinite(values).any():
             continue
         for name, source in (known[each] for each in keys_of(column.name) if each in known):
-            own = _known(name, source, column, values, setting.get(name, ""))
+            own = _known(name, source, column, values, stated or setting.get(name, ""))
             if own and (name not in WORDS["varying"] or np.nanmax(values) > np.nanmin(values)):
-                is_plain = (own.factor, own.offset) == (1.0, 0.0)  # no gauge
+                is_plain = (source.factor, source.offset) == (1.0, 0.0)  # no gauge
                 sure = QuantityFit(1.0 if is_plain else SURE, ("its name is known",))
-                order = "AFR" in own.units, i  # lambda itself before what a gauge makes of it
+                order = "AFR" in source.units, i  # lambda itself before what a gauge makes of it
                 fitting = SignalCandidate(name, column.name, sure, _entry(own), order, True)
                 found[name].append(fitting)
         for text in dict.fromkeys(_words(raw, each) for each in (column.name, *column.others)):
-            stated = stated_unit(column, STOICHIOMETRIC)
             for name in BY_NAME.keys() & QUANTITIES.keys():
                 unit = stated or setting.get(name, "")
                 if fit := fit_of(name, Description(text, unit, values=values)):
@@ -131,41 +131,40 @@ def _words(raw: RawTable, name: str) -> str:
     first, _, number = name.rpartition("#")
     name = first if number.isdigit() and first in raw.names else name
     bare, unit = name_and_unit(name)
-    return bare if unit_of(unit, STOICHIOMETRIC) or unit == "-" else name
+    return bare if unit_of(unit, STOICH_AFR) or unit == "-" else name
 
 
 def _known(
-    name: str, source: Source, column: RawColumn, values: FloatArray, setting: str
+    name: str, source: Source, column: RawColumn, values: FloatArray, unit: str
 ) -> Source | None:
-    """Return a shipped profile's source for a column, None if unit or values are of another one.
+    """Return a column's source as a shipped profile knows it, None if it is of another quantity.
 
-    setting : unit that the logger has for all such columns, "" if nothing tells it
+    unit : that the file states, or that the logger has for all such columns; "" if nothing tells it
     Where neither file nor profile states a unit, the values tell it.
     """
-    own, stated = replace(source, column=column.name), stated_unit(column, STOICHIOMETRIC)
-    if setting and not stated:
-        own = replace(own, units=(setting,))
-    converts = own != Source(column=own.column, units=own.units, pinned=own.pinned)
-    if not is_of_quantity(name, source, column, STOICHIOMETRIC):
+    if not is_of_quantity(name, source, column, STOICH_AFR):
         return None
+    converts = source != Source(column=source.column, units=source.units, pinned=source.pinned)
     if name not in QUANTITIES or converts:
         low, high = plausible_range(name)
-        is_told = converts or source.units or stated
-        return own if is_told or low <= np.nanmedian(values) <= high else None
-    usual = () if QUANTITIES[name].unit.quantity in SEVERAL else own.units
-    unit = stated or (usual[0] if len(usual) == 1 else "")
+        is_told = converts or source.units or unit
+        is_right = is_told or low <= np.nanmedian(values) <= high
+        return replace(source, column=column.name) if is_right else None
+    usual = () if QUANTITIES[name].unit.quantity in SEVERAL else source.units
+    unit = unit or (usual[0] if len(usual) == 1 else "")
     fit = fit_of(name, Description(column.name, unit, values=values), is_named=True)
     if not fit or fit.doubt:
         return None
-    return own if unit else _by_words(name, column, fit)  # else a setting of the logger
+    return replace(_by_words(name, column, fit), pinned=source.pinned)
 
 
 def _by_words(name: str, column: RawColumn, fit: QuantityFit) -> Source:
-    """Return the source of a column that no profile knows; what its file states needs no word."""
-    stated = unit_of(stated_unit(column, STOICHIOMETRIC), STOICHIOMETRIC)
-    is_stated = stated is not None and stated.quantity == QUANTITIES[name].unit.quantity
-    if is_stated or fit.unit:
-        return Source(column=column.name, units=() if is_stated else (fit.unit,))
+    """Return the source of a column as its fit reads it; what its file states needs no word."""
+    stated = unit_of(stated_unit(column, STOICH_AFR), STOICH_AFR)
+    if stated and stated.quantity == QUANTITIES[name].unit.quantity:
+        return Source(column=column.name)
+    if fit.unit:
+        return Source(column=column.name, units=(fit.unit,))
     return Source(column=column.name, factor=fit.factor, offset=fit.offset)
 
 
@@ -175,7 +174,7 @@ def _time_columns(raw: RawTable, cells: FloatArray, signals: Collection[str]) ->
     named = [n for n in raw.names if match({"clock": 1.0}, words_of(name_and_unit(n)[0]))[0]]
     if not (named or clocks) and len(cells) > 1:
         steps = np.diff(cells, axis=0)
-        units = [unit_of(stated_unit(column, STOICHIOMETRIC), 1.0) for column in raw.columns]
+        units = [unit_of(stated_unit(column, STOICH_AFR), 1.0) for column in raw.columns]
         kinds = np.array([unit.quantity if unit else "" for unit in units])
         rises = ((steps >= 0.0).mean(axis=0) > _RISING) & (np.median(steps, axis=0) > 0.0)
         rises &= (steps == 1.0).mean(axis=0) < _RISING  # a counter of rows is no time

@@ -10,14 +10,13 @@ from importlib.resources import files
 from typing import Any, Final
 
 from monitor.base.signals import BY_NAME
+from monitor.frames.profiles.profile import STOICH_AFR
 from monitor.frames.units import Unit, unit_of
 
 VOCABULARY: Final = tomllib.loads(
     files("monitor.mapping").joinpath("vocabulary.toml").read_text("utf-8")
 )
-STOICHIOMETRIC: Final = 14.7  # kg of air per kg of gasoline, the number of most AFR gauges
 FUEL_FLOW_NAME: Final = "fuel_flow_kg_h"  # not canonical: fuel per stroke follows from it
-GASOLINE_KG_L: Final = 0.745
 WORDS: Final = {name: frozenset(text.split()) for name, text in VOCABULARY["words"].items()}
 _STEMS: Final = [(s, name) for name, text in VOCABULARY["concepts"].items() for s in text.split()]
 _CONCEPTS_OF: Final[dict[str, set[str]]] = {}
@@ -92,15 +91,13 @@ def match(phrases: Mapping[str, float], words: tuple[str, ...]) -> tuple[float, 
     """
     of_whole = _CONCEPTS_OF.get("=" + "".join(words), set())
     here = {word: _CONCEPTS_OF.get(word, set()) for word in words}
-    known, found = of_whole.union(*here.values()), list[tuple[float, list[str]]]()
-    for phrase, weight in phrases.items():
-        concepts = set(phrase.split())
-        if not concepts <= known:
-            continue
-        rest = [] if concepts & of_whole else [w for w in words if not here[w] & concepts]
-        rest = [w for w in rest if not (w in WORDS["noise"] or (w.isdigit() and int(w) <= 1))]
-        found.append((weight * (1.0 - 0.35 * len(rest) / len(words)), rest))
-    return max(found, key=lambda each: (not each[1], each[0]), default=(0.0, []))  # none left over
+    known, own = of_whole.union(*here.values()), set(" ".join(phrases).split())
+    sure = max(
+        (weight for each, weight in phrases.items() if known.issuperset(each.split())), default=0.0
+    )
+    rest = [] if own & of_whole or not sure else [w for w in words if not here[w] & own]
+    rest = [w for w in rest if not (w in WORDS["noise"] or (w.isdigit() and int(w) <= 1))]
+    return sure * (1.0 - 0.35 * len(rest) / max(1, len(words))), rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +125,7 @@ class MapQuantity:
 
 
 def _quantity(name: str, row: dict[str, Any]) -> MapQuantity:
-    unit = unit_of(row.pop("unit", "") or BY_NAME[name].unit, STOICHIOMETRIC)
+    unit = unit_of(row.pop("unit", "") or BY_NAME[name].unit, STOICH_AFR)
     assert unit is not None
     (low, high), also = row.pop("typical"), frozenset(row.pop("also", "").split())
     return MapQuantity(name, unit, typical=(low, high), also=also, **row)

@@ -32,8 +32,8 @@ _ROWS: Final = 1 << 13  # of a block
 MOST_NAMES: Final = 4096  # of a table with one value a row
 # usual names of the columns of a table with one value a row: of the name, the value and the unit
 _LONG: Final = (
-    "pid name signal parameter channel variable sensor field item metric topic",
-    "value wert reading valor valeur payload",
+    "pid name signal parameter channel variable sensor field item metric topic messwert",
+    "value wert reading valor valeur payload messwert",
     "units unit einheit uom unidad unité",
 )
 # of a last column, which rows may lack

@@ -45,7 +45,8 @@ _LETTERS: Final = {
 }
 _HEADER_ENDS: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.I)  # LabVIEW's
 _GROUPS: Final = re.compile(r"-?[1-9]\d{0,2}(?:(['’.\xa0\u202f])\d{3})+(?:[.,]\d+)?")  # 3.645
-_IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[{]([^()\[\]{}]*)[)\]}]\s*")
+_IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[{]((?:[^()\[\]{}]|\(\w\))*)[)\]}]\s*")
+_BEHIND_COMMA: Final = re.compile(r"(.+?),\s*([^,]+)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -293,11 +294,15 @@ def one_line(text: str) -> str:
 
 
 def name_and_unit(text: str) -> tuple[str, str]:
-    """Return a column's name without the brackets at its end, and their text.
+    """Return a column's name without the brackets or the unit at its end, and their text.
 
     >>> name_and_unit("Barometric pressure (from vehicle)(psi)")
     ('Barometric pressure (from vehicle)', 'psi')
+    >>> name_and_unit("MAP [kPa(g)]"), name_and_unit("Drehzahl, 1/min")
+    (('MAP', 'kPa(g)'), ('Drehzahl', '1/min'))
     """
     match = _IN_BRACKETS.fullmatch(text.strip())
+    if match is None and (match := _BEHIND_COMMA.fullmatch(text.strip())):
+        match = match if unit_of(match[2], 1.0) else None
     is_unit = match and not match[2].isdigit()  # but a number: of a sensor
     return (match[1], match[2].strip()) if match and is_unit else (text.strip(), "")

@@ -123,6 +123,16 @@ TABLES = {
         + rows(lambda i: f"    {i / 10:.3f}; {RPM[i]}      ; {AIR[i]}  ; {AFR[i] / 14.7:.5f}"),
         {"engine_speed_rpm": "nmot_w", "maf_kg_h": "mshfm_w", "lambda_measured": "lamsoni_w"},
     ),
+    "measurements with key, name and value": (
+        "Zeitstempel;Laufzeit_s;Schlüssel;Messwert;Wert;Einheit\n"
+        + rows(
+            lambda i: (
+                f"10:00:0{i / 10};{i / 10};n;Motordrehzahl;{RPM[i]};1/min\n"
+                f"10:00:0{i / 10 + 0.02};{i / 10 + 0.02};l;Lambda;{AFR[i] / 14.7};"
+            )
+        ),
+        {"engine_speed_rpm": "Motordrehzahl", "lambda_measured": "Lambda"},
+    ),
     "topics of a broker": (
         "topic,timestamp,payload\n"
         + rows(
@@ -451,6 +461,14 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("AFM (g/s)", 5.0, "maf_kg_h", 18.0),
         ("HPFP (bar)", 60.0, "rail_pressure_mpa", 6.0),
         ("CL Lambda Trim (%)", -2.0, "lambda_controller", 0.98),
+        ("MAP [kPa(g)]", -40.0, "manifold_pressure_kpa", 61.3),
+        ("MAP", 25.0, "manifold_pressure_kpa", None),  # inHg, or kPa of an overrun?
+        ('"Drosselklappe, %"', 20.0, "throttle_percent", 20.0),
+        ("Mass Air Flow (lb/min) SAE.MAF", 1.0, "maf_kg_h", 27.22),  # words of one quantity
+        ("Lambda Fuel Corr (%)", -2.0, "lambda_controller", 0.98),
+        ("Motordrehzahl (rpm)", 1500.0, "engine_speed_rpm", 1500.0),  # no electric motor
+        ("Частота вращения (об/мин)", 1500.0, "engine_speed_rpm", 1500.0),
+        ("Lambda sp. value (AFR)", 14.7, "lambda_measured", None),
     ],
 )
 def test_the_unit_with_words_beside_it_or_the_values_tell_what_a_column_is_or_it_is_none(
