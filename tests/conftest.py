@@ -60,7 +60,6 @@ MARKS = {
     "thorough": (
         "monitor/controller/test_misra.py",
         "monitor/controller/test_on_the_core.py",
-        "monitor/controller/test_other_models.py",
         "monitor/controller/test_same_verdicts.py",
         "monitor/decode/test_block_decoder.py",
         "monitor/frames/test_blf_blocks.py",

@@ -1,8 +1,11 @@
 """The Python API of the offline part says what the command says."""
 
+import inspect
 import json
+from collections.abc import Callable
 from pathlib import Path
 from shutil import copy
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -14,6 +17,10 @@ from monitor.base.signals import OUTPUT
 from monitor.pipeline.replay import shipped_model
 from training import GapOptions, estimate_tables, evaluate, find_gap, fit, load_recordings
 from training.cli import main
+from training.cli.evaluate import run as run_evaluate
+from training.cli.fit import FitCommand
+from training.cli.gap import GapCommand
+from training.cli.tables import TablesCommand
 from training.narx.fit import FitOptions
 from training.recordings.ecu_table import Axis, EcuTable
 from training.recordings.files.table_files import write_table
@@ -133,3 +140,31 @@ def test_public_names_are_there() -> None:
         assert getattr(training, name).__doc__
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = training.nothing
+
+
+NAMES = {"period_s": "period", "budget_minutes": "budget"}
+
+
+def defaults(function: Callable[..., Any]) -> dict[str, Any]:
+    parameters = inspect.signature(function).parameters.values()
+    given = {p.name: p.default for p in parameters if p.default is not inspect.Parameter.empty}
+    return {NAMES.get(name, name): default for name, default in given.items()}
+
+
+@pytest.mark.parametrize(
+    ("function", "command", "shared"),
+    [
+        (training.GapOptions, GapCommand, {"steps", "sensor_known_good", "add"}),
+        (training.estimate_tables, TablesCommand, {"axes", "load", "displacement_l", "cylinders"}),
+        (training.evaluate, run_evaluate, {"washout"}),
+        (training.fit, FitCommand, {"kind", "inputs", "seed"}),
+        (FitOptions, FitCommand, {"budget", "starts", "lags", "hidden", "seed"}),
+    ],
+)
+def test_a_function_and_its_command_have_the_same_defaults(
+    function: Callable[..., Any], command: Callable[..., Any], shared: set[str]
+) -> None:
+    ours, theirs = defaults(function), defaults(command)
+    same = (ours.keys() & theirs.keys()) - {"output"}  # the command says it in its help
+    assert shared <= same
+    assert {name: ours[name] for name in same} == {name: theirs[name] for name in same}

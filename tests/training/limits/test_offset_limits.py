@@ -1,4 +1,6 @@
-"""The healthy limit of an offset: what a decision counts is what healthy drives are measured by."""
+"""Limits of offsets and evidence: what a decision counts is what healthy drives are measured by."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +11,15 @@ from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.bias import BiasRule
 from monitor.judge.findings import WindowJudged
+from monitor.judge.limits import NO_LIMITS, Limits
+from monitor.model.card import Limit
 from monitor.model.step import Model
-from monitor.pipeline.replay import shipped_model
+from monitor.pipeline.replay import set_up, shipped_model
 from tests.helpers.models.windows import judged_window
 from training.limits.decision_limits import healthy_offsets, limits_of
+from training.limits.judging import judge_recordings
+from training.limits.response import response_limits as rules
+from training.recordings.recording import Recording, load
 
 CONFIG = config.load()
 BIAS = CONFIG.bias
@@ -103,3 +110,59 @@ def test_a_reading_that_stands_still_counts_no_more_than_in_a_decision(
     # THEN only the first count, unless they are too few
     counted = means if counts == "moving" else np.array([*means, *np.zeros(2 * moving)])
     assert found == pytest.approx(counted.std(), rel=1e-6)
+
+
+LOG = "replay_logs/healthy_micro_trips_v102_s102.blf"
+LIMITS: Limits = set_up(None, (), CONFIG).limits
+MODEL = Model.load(shipped_model())
+
+
+def evidence_limits(drives: list[Recording], own: Limits = LIMITS) -> dict[str, Limit]:
+    judged = judge_recordings(drives, MODEL, NO_LIMITS, CONFIG)
+    return rules.response_limits(judged, MODEL.card, own, CONFIG)
+
+
+def test_a_bet_on_a_fault_does_not_win_on_healthy_drives() -> None:
+    # GIVEN what windows say for a fault in drives of three lengths, now and then much
+    rng = np.random.default_rng(7)
+    drives = [rng.standard_t(3, n) - 1.0 for n in (20, 200, 2000)]
+    most = CONFIG.response.evidence_window
+    # WHEN the weight is set
+    weight = rules.weight_of(drives, most)
+    # THEN a stake that grows by each window's weighted odds is as large as before on average
+    assert weight > 0.0
+    assert np.exp(weight * np.concatenate([[most], *drives])).mean() == pytest.approx(1.0)
+    # and few windows allow less than many, for a window may be imagined that speaks for a fault
+    assert rules.weight_of(drives[:1], most) < weight
+    # THEN drives that speak for a fault on average leave no weight
+    assert rules.weight_of([-each for each in drives], most) == rules.LEAST_EVIDENCE
+
+
+def test_drives_that_the_model_follows_badly_lower_the_weight() -> None:
+    # GIVEN a healthy drive that the model follows well, and one with an injector that nobody knows
+    drive = load(LOG, period_s=0.1)
+    values = drive.values.copy()
+    fuel = values[:, drive.names.index("fuel_mass_mg")]
+    fuel *= 1.0 + 0.2 * np.sin(np.arange(len(fuel)) / 10.0)
+    strange = replace(drive, values=values)
+    # WHEN limits are set by the first alone, and by both
+    followed = evidence_limits([drive])
+    both = evidence_limits([drive, strange])
+    # THEN evidence counts for less
+    assert both["evidence"].value < followed["evidence"].value
+
+
+def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
+    # GIVEN a drive, and three that are over before the engine is warm
+    drive = load(LOG, period_s=0.1)
+    short = drive.part(0, 100)
+    # WHEN the limits are set THEN they are those of the drive alone
+    assert evidence_limits([drive, short, short, short]) == evidence_limits([drive])
+
+
+def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
+    # GIVEN a card that an earlier calibration gave little weight and long stillness
+    drive = load(LOG, period_s=0.1)
+    earlier = replace(LIMITS, evidence=0.1, still_s=100.0, still_end_s=100.0)
+    # WHEN its limits are set anew THEN they are those of a card without any
+    assert evidence_limits([drive] * 2, earlier) == evidence_limits([drive] * 2)

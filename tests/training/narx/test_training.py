@@ -1,7 +1,9 @@
 """The NARX: gradients, Levenberg–Marquardt in open and closed loop, preparation."""
 
+import io
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +11,15 @@ import pytest
 from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
-from tests.training.narx.test_folds import prepared
+from tests.training.narx.test_structure import prepared
+from training.cli.progress import LINE_S, Budget, Progress
 from training.narx.algorithms.lm import minimise
 from training.narx.algorithms.objectives import ClosedLoop, Pieces, Samples, one_step
 from training.narx.network import Spec, forward, initial_weights, simulate
+from training.narx.search.stability import contraction, settling
 from training.narx.search.stages import HORIZONS, Trained, blocks_of, train
+from training.narx.search.structure import Structure
+from training.narx.work import PER_MINUTE
 from training.recordings.recording import Recording
 from training.recordings.samples.outliers import outlier_mask
 from training.recordings.samples.preparation import Role, prepare
@@ -226,3 +232,98 @@ def test_an_input_that_duplicates_the_output_is_reported() -> None:
     u = np.column_stack([rng.normal(size=2000), y + 1e-4 * rng.normal(size=2000)])
     data = prepare([recording(u, y)], ["u0", "u1"], "y")
     assert any("u1 nearly duplicates the output y" in w for w in data.warnings)
+
+
+SPEC = Spec(2, 1, (1,), 0, -3.0, 3.0)
+
+
+def feedback(gain: float) -> np.ndarray:
+    """Weights of y(t) = tanh(gain y(t-1) + 5 u0(t)): above 1, two steady states about u0 = 0."""
+    return np.array([5.0, 0.0, 0.0, 0.0, gain, 0.0, 1.0, 0.0])
+
+
+def test_two_steady_states_are_seen_although_every_recorded_drive_moves_on() -> None:
+    # GIVEN inputs that change every 20 samples, and a memory of ten such changes
+    data = replace(prepared(0.8), memory=200)
+    # WHEN a network has two steady states where the first input is small
+    weights = feedback(2.0)
+    # THEN the recorded inputs make it forget all the same
+    start = np.arange(10, 3700, 210)
+    runs = [
+        simulate(SPEC, weights, data.samples.u, start, start + 201, np.full((len(start), 1), first))
+        for first in (-3.0, 3.0)
+    ]
+    np.testing.assert_allclose(*(run[start + 200] for run in runs), atol=1e-9)
+    # AND the check, which holds operating points, finds both states
+    found = contraction(data, SPEC, weights, seed=0)
+    assert found.gap > 30.0 * found.limit
+
+
+def test_one_steady_state_at_every_operating_point_is_forgetting() -> None:
+    data = replace(prepared(0.8), memory=200)
+    found = contraction(data, SPEC, feedback(0.5), seed=0)
+    assert found.gap < 0.01 * found.limit
+
+
+def test_the_longest_block_may_be_the_last() -> None:
+    assert replace(prepared(0.95), role=np.array([0, 1, 0, 0, 0])).longest_block == 3
+
+
+def test_a_slow_model_settles_after_as_long_as_it_takes_to_forget() -> None:
+    # GIVEN linear models that forget a step by a tenth, a hundredth and nothing per sample
+    data = prepared(0.95)
+    spec = Structure(2, 1, ()).spec(data)
+    for pole, samples in ((0.9, 50), (0.97, 200), (1.0, 50)):
+        weights = np.zeros(spec.n_weights)
+        weights[-2] = pole
+        # WHEN their histories are compared THEN the time is long enough, or 50 if none is
+        found = settling(data, spec, weights, 0)
+        assert found.samples == samples
+        assert (found.gap <= found.limit) == (pole < 1.0)
+
+
+class Clock:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.mark.parametrize(
+    ("rmse", "told"), [(0.5, "570 s left, best error 0.5000"), (np.inf, "570 s left")]
+)
+def test_without_a_terminal_a_line_tells_best_error_and_time_left(rmse: float, told: str) -> None:
+    # GIVEN a training whose progress goes to a file, with ten minutes of work
+    clock, out = Clock(), io.StringIO()
+    with Budget(10.0, out, clock) as bar:
+        bar.spend(0.25 * PER_MINUTE)
+        bar.tried(SimpleNamespace(rmse=rmse))  # type: ignore[arg-type]
+        assert out.getvalue() == ""
+        # WHEN half a minute has brought the work of half a minute
+        clock.now_s = LINE_S
+        bar.spend(0.25 * PER_MINUTE)
+    # THEN one line tells the best error that is finite, and the rest of the budget
+    assert out.getvalue() == f"training: 5 % done, {told}\n"
+
+
+def test_the_time_left_follows_the_pace_and_ends_at_0() -> None:
+    clock, out = Clock(), io.StringIO()
+    with Budget(10.0, out, clock) as bar:
+        # WHEN a busy machine has done two minutes of work in six THEN the rest takes 24
+        for clock.now_s, minutes in ((360.0, 2.0), (500.0, 9.0)):
+            bar.spend(minutes * PER_MINUTE)
+    assert out.getvalue().splitlines() == [
+        "training: 20 % done, 1440 s left",
+        "training: 100 % done, 0 s left",
+    ]
+
+
+def test_steps_of_unknown_length_are_lines_where_there_is_no_terminal() -> None:
+    clock, out = Clock(), io.StringIO()
+    with Progress(out, clock, unit="step") as bar:
+        for clock.now_s, text in ((1.0, "naming"), (40.0, "adding"), (50.0, "verifying")):
+            bar.step(text)
+    assert out.getvalue() == "o2train: adding\n"

@@ -1,4 +1,4 @@
-"""A real tester, udsoncan, and a live loop with its fault memory on one virtual bus."""
+"""Who answers testers by which options, and a real tester, udsoncan, on one virtual bus."""
 
 import argparse
 import threading
@@ -17,17 +17,20 @@ from udsoncan.client import Client
 from udsoncan.connections import PythonIsoTpConnection
 from udsoncan.exceptions import NegativeResponseException
 
+from monitor.base import config
 from monitor.base.command_line import signature
+from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import Frame
-from monitor.bus.diagnostics.server import Diagnostics
+from monitor.bus.diagnostics.server import Diagnostics, answer
 from monitor.bus.diagnostics.state import State
 from monitor.bus.link.recorder import message_of
 from monitor.bus.loop import Loop
-from monitor.cli.diagnostics import DiagnosticsOptions, diagnostics
-from monitor.memory.dtc_store import DtcStore
+from monitor.cli import diagnostics, main
+from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
 from tests.helpers.bus.beside import beside
+from tests.helpers.bus.diagnostics_state import VIN
 from tests.helpers.bus.live_player import until
 from tests.helpers.logs.batch_logs import MESSAGES, USUAL, payload
 from tests.helpers.logs.bus_maps import OWN as ECU_MAP
@@ -47,6 +50,7 @@ UDS_CONFIG = udsoncan.configs.default_client_config | {
 }
 SLOW = 0x013300
 READY_S = 30.0
+SETUP = replay.set_up(None, [], config.load())
 
 
 class Ecu:
@@ -66,15 +70,21 @@ class Ecu:
                     bus.send(message_of(Frame(time.time_ns(), can_id, False, data)))
 
 
-@contextmanager
-def answering(setup: replay.Setup, path: Path) -> Iterator[State]:
-    """Run a loop with a memory, which answers testers; give what it answers from."""
+def attached_to(loop: Loop, *words: str) -> list[Diagnostics]:
+    """Return what answers testers with these options of a run."""
     parser = argparse.ArgumentParser()
-    signature.add_options(parser, DiagnosticsOptions)
+    signature.add_options(parser, diagnostics.DiagnosticsOptions)
+    found = diagnostics.diagnostics(parser.parse_args(words), SETUP, loop)
+    assert all(isinstance(each, Diagnostics) for each in found)
+    return [each for each in found if isinstance(each, Diagnostics)]
+
+
+@contextmanager
+def answering(path: Path) -> Iterator[State]:
+    """Run a loop with a memory, which answers testers; give what it answers from."""
     with can.Bus(CHANNEL, interface="virtual") as bus, closing(Memory(path)) as memory:
-        loop = Loop(bus, setup, memory=memory, say=lambda _: None)
-        (server,) = diagnostics(parser.parse_args(["--transmit"]), setup, loop)
-        assert isinstance(server, Diagnostics)
+        loop = Loop(bus, SETUP, memory=memory, say=lambda _: None)
+        (server,) = attached_to(loop, "--transmit")
         loop.attachments.append(server)
         with beside(lambda _: loop.run()):
             try:
@@ -90,7 +100,7 @@ def states(path: Path) -> dict[str, str]:
 
 
 def test_clearing_waits_for_the_engine_to_stand_and_is_on_disk_by_the_answer(
-    setup: replay.Setup, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
     # GIVEN a slow sensor, confirmed in its second driving cycle, and a code that is pending
     path, store, ecu = tmp_path / "o2.db", DtcStore(), Ecu()
@@ -101,7 +111,7 @@ def test_clearing_waits_for_the_engine_to_stand_and_is_on_disk_by_the_answer(
     with closing(Memory(path)) as memory:
         memory.save(store.saved)
     with (
-        answering(setup, path) as state,
+        answering(path) as state,
         beside(ecu.send),
         can.Bus(CHANNEL, interface="virtual", can_filters=ANSWERS) as bus,
     ):
@@ -130,3 +140,77 @@ def test_clearing_waits_for_the_engine_to_stand_and_is_on_disk_by_the_answer(
             assert client.clear_dtc().positive
             assert states(path) == {}
             assert client.get_dtc_by_status_mask(0x0C).service_data.dtcs == []
+
+
+def attached(*words: str, memory: Memory | None = None) -> list[Diagnostics]:
+    """Return what answers testers with these options, of a monitor with a code."""
+    with can.Bus("options", interface="virtual") as bus:
+        loop = Loop(bus, SETUP, memory=memory, say=lambda _: None)
+        loop.pipeline.monitor.store.fail("gain_low", 0)
+        return attached_to(loop, *words)
+
+
+def test_nothing_is_answered_unless_transmitting_is_asked_for() -> None:
+    assert attached() == []
+
+
+@pytest.mark.parametrize(
+    "words", [("--diagnostics-id", "7EA"), ("--vin", VIN), ("--clear-while-running",)]
+)
+def test_options_of_diagnostics_need_transmitting(words: tuple[str, ...]) -> None:
+    with pytest.raises(UsageError, match="only with --transmit"):
+        attached(*words)
+    if words[0] != "--diagnostics-id":
+        with pytest.raises(UsageError, match="not with --diagnostics-id none"):
+            attached("--transmit", "--diagnostics-id", "none", *words)
+
+
+@pytest.mark.parametrize("option", ["--obd-request=7E0", "--obd-rate=5", "--sink-rate=2"])
+def test_an_option_without_the_one_that_it_belongs_to_is_refused(option: str) -> None:
+    assert main(["run", "-i", "virtual", "-c", "q", "--duration", "0.1", option]) == 2
+
+
+def test_with_transmit_the_monitor_answers_as_the_second_control_unit() -> None:
+    (server,) = attached("--transmit")
+    assert set(server.identifiers) == {(0x7DF, False), (0x7E1, False)}
+    assert server.state.identity.vin is None
+    assert server.state.identity.model_sha256 == SETUP.model.sha256
+    assert "engine_speed_rpm" in server.state.names
+    assert not server.state.clear_while_running
+
+
+def test_the_engines_own_identifier_and_a_wrong_vin_are_refused() -> None:
+    with pytest.raises(UsageError, match="7E8 is the engine's"):
+        attached("--transmit", "--diagnostics-id", "7E8")
+    with pytest.raises(UsageError, match="wanted 17"):
+        attached("--transmit", "--vin", "SHORT")
+
+
+def test_without_can_isotp_transmitting_goes_on_and_says_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(diagnostics, "find_spec", lambda _: None)
+    assert attached("--transmit") == []
+    assert "pip install '.[diagnostics]'" in capsys.readouterr().out
+    with pytest.raises(UsageError, match="can-isotp is not installed"):
+        attached("--transmit", "--diagnostics-id", "7E9")
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+def test_only_a_clearing_that_is_stored_is_confirmed(
+    is_full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # GIVEN a code, and a disk that is full or not
+    with closing(Memory(tmp_path / "o2")) as memory:
+        (server,) = attached("--transmit", "--clear-while-running", memory=memory)
+        if is_full:
+            monkeypatch.setattr(memory, "save", full)
+        # WHEN a tester clears
+        told = answer(b"\x04", False, server.state)
+        # THEN it is told so only if the memory on disk is clear, too
+        assert told == (b"\x7f\x04\x22" if is_full else b"\x44")
+        assert is_full or all(not d.state for d in memory.load().dtcs)
+
+
+def full(saved: Saved) -> None:
+    raise RecordingError("disk full")

@@ -11,11 +11,12 @@ from scipy.signal import lfilter
 
 from monitor.base.errors import ModelError
 from monitor.base.types import FloatArray
-from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
-from tests.training.greybox.test_effect_forms import (
+from tests.helpers.gap.gap_drives import PERIOD_S, noisy_drive, plain_signals
+from tests.training.greybox.test_effects import (
     test_the_arrays_and_the_graph_of_an_effect_agree as graph_agrees,
 )
 from training.gap.name.formulas.formula import _place_of, _rate_of, first_term, formula_of
+from training.gap.name.formulas.signal_functions import functions_of
 from training.gap.name.verdict import Candidate
 from training.greybox.chain import Constants, Path, base_path, simulate
 from training.greybox.effects.empirical import FORMS, effect_of, formula, growing, name_of, parts_of
@@ -214,3 +215,17 @@ def test_a_bend_begins_at_the_corner_of_a_curve_and_an_exponential_with_its_rate
     assert _place_of("bend", np.array([1.0, 1.0, 1.0, 2.0, 3.0])) == pytest.approx(0.0, abs=0.2)
     knots = np.linspace(-1.0, 1.0, 5)
     assert _rate_of(1.0 + 3.0 * np.exp(2.0 * knots)) == 2.0
+
+
+def test_flags_answers_and_what_differs_between_drives_alone_are_no_functions() -> None:
+    drives = []
+    for i, drive in enumerate((noisy_drive(1), noisy_drive(2))):
+        more = {
+            "ambient_temperature_degc": np.full(len(drive), 10.0 * i),
+            "lambda_controller": 1.0 + 0.01 * np.sin(np.arange(len(drive))),
+            "closed_loop": (np.arange(len(drive)) % 100 > 50).astype(float),
+        }
+        drives.append(replace(drive, signals=dict(drive.signals) | more))
+    found = {function.signal for function in functions_of(drives)}
+    assert {"engine_speed_rpm", "coolant_temperature_degc"} <= found
+    assert not found & {*more, "ambient_pressure_kpa", "fuel_mass_mg"}
