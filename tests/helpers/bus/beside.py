@@ -1,5 +1,6 @@
-"""Work beside a test: in a thread of its own, or frames that are sent at their pace."""
+"""Work beside a test: in a thread of its own, frames sent at their pace, waiting for it."""
 
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -36,3 +37,16 @@ def send_as_driven(
         if over.wait(max(due_s - time.monotonic(), 0.0)):
             return
         bus.send(message)
+
+
+def until(condition: Callable[[], object], seconds: float = 15.0) -> bool:
+    """Wait for a condition; return whether it came."""
+    end_s = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return bool(condition())
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return int(free.getsockname()[1])

@@ -1,9 +1,8 @@
 """Plays frames through a pipeline into the live page's feed, as the loop would."""
 
 import json
-import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from monitor.base import config
@@ -18,19 +17,6 @@ from monitor.pipeline.events import Event, singly
 from monitor.pipeline.frames import FramePipeline
 
 GATHERED = 6  # frames of 25 ms
-
-
-def until(condition: Callable[[], object], seconds: float = 15.0) -> bool:
-    """Wait for a condition; return whether it came."""
-    end_s = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end_s:
-        time.sleep(0.02)
-    return bool(condition())
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return int(free.getsockname()[1])
 
 
 class Sink:

@@ -10,8 +10,7 @@ from monitor.decode.log_blocks import EngineAnswers
 from monitor.frames.blocks import block_of, frames_of
 from monitor.frames.logs import frame_of
 from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus
-from tests.helpers.logs.bus_maps import OBD
-from tests.helpers.logs.decoding import Decoding
+from tests.helpers.logs.bus_maps import OBD, Decoding
 
 PARAMETERS = wanted(OBD, OBD.names)
 

@@ -80,10 +80,7 @@ class PlayedBus(can.BusABC):
 
 
 def played_on(
-    script: Script,
-    setup: replay.Setup,
-    transmit: bool = False,
-    **options: Any,
+    script: Script, setup: replay.Setup, transmit: bool = False, **options: Any
 ) -> tuple[Loop, PlayedBus]:
     """Run the live loop to the end of a script."""
     bus = PlayedBus(script)

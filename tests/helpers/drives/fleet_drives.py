@@ -23,6 +23,7 @@ LOGS = ROOT / "replay_logs"
 HEALTHY = "healthy_micro_trips_v102_s102.blf"
 DELAYED = "delay_rich_to_lean_micro_trips_v106_s108.blf"
 PIECE = 1200  # samples of 0.1 s
+Tables = tuple[pl.DataFrame, pl.DataFrame]  # recordings and windows of a run
 
 
 @cache
@@ -65,7 +66,7 @@ def run_deadly(
         yield key, function(kit, chunk)
 
 
-def judged(given: list[str], out: Path, **options: Any) -> tuple[pl.DataFrame, pl.DataFrame]:
+def judged(given: list[str], out: Path, **options: Any) -> Tables:
     """Judge a fleet with the shipped model; give its recordings and its windows."""
     kit = WorkerKit.of(shipped_model(), config.load())
     options = {"jobs": 1} | options
@@ -73,7 +74,7 @@ def judged(given: list[str], out: Path, **options: Any) -> tuple[pl.DataFrame, p
     return tables(out)
 
 
-def tables(out: Path) -> tuple[pl.DataFrame, pl.DataFrame]:
+def tables(out: Path) -> Tables:
     """Give recordings and windows of a run."""
     first, second = (pl.read_parquet(each, glob=False) for each in (out, run.windows_path(out)))
     return first, second

@@ -9,8 +9,7 @@ from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 from tests.conftest import ROOT
-from tests.helpers.logs.bus_maps import OWN
-from tests.helpers.logs.decoding import values_of
+from tests.helpers.logs.bus_maps import OWN, values_of
 from tests.helpers.logs.replays import frames_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"

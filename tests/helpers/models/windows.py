@@ -1,10 +1,12 @@
-"""Windows as they are judged."""
+"""Windows as they are judged, and the sensor bank on one signal."""
 
 import numpy as np
 
+from monitor.base.config import ResponseConfig
 from monitor.base.types import FloatArray
 from monitor.judge.bias import Bias
 from monitor.judge.findings import WindowEstimates, WindowJudged
+from monitor.judge.response.bank import Bank
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import Estimates
 from monitor.judge.window import Outcome, Window
@@ -43,3 +45,11 @@ def judged_window(
         excited=True,
         statistics=NOTHING_SEEN,
     )
+
+
+def readings(config: ResponseConfig, period_s: float, values: FloatArray) -> FloatArray:
+    """Return each hypothesis's reading of each value of a signal, (n, n_hypotheses)."""
+    values = np.asarray(values, dtype=np.float64)
+    bank, n = Bank(config, period_s), len(values)
+    begin = bank.begin(float(values[0]))
+    return bank.push(values[np.newaxis], [n], [begin], [(0, 0, n)])[0][0]

@@ -14,7 +14,7 @@ from monitor.base.faults import NAMES, TRANSIENT_GAIN, Fault, resolve
 from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
-from tests.helpers.models.bank import readings
+from tests.helpers.models.windows import readings
 from training.cli.simulate import combined
 from training.dyno.downstream import FAULTS
 from training.recordings.sensor_fault import faulty_readings

@@ -174,10 +174,7 @@ def test_a_log_that_cannot_be_written_any_more_ends_and_the_judging_goes_on(
 
 
 def test_a_disk_that_stalls_delays_no_verdict_and_loses_no_frame(
-    setup: replay.Setup,
-    late_sensor: list[Frame],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Released(Ear):
         def push(self, event: Event) -> None:

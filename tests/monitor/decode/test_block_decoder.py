@@ -20,8 +20,7 @@ from monitor.decode.block_decoder import BlockDecoder, MessageCounters
 from monitor.decode.bus_map import BusChannel, BusMap, load_pairs
 from monitor.decode.checksum import payload_checksum
 from tests.helpers.examples import inputs
-from tests.helpers.logs.bus_maps import OBD, OWN
-from tests.helpers.logs.decoding import Decoding, Values
+from tests.helpers.logs.bus_maps import OBD, OWN, Decoding, Values
 from tests.helpers.logs.injected_frames import lambda_frames
 
 

@@ -13,7 +13,7 @@ from monitor.decode.block_decoder import BlockDecoder
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.frames.blocks import block_of
 from tests.helpers.examples import inputs
-from tests.helpers.logs.decoding import Decoding, Values, values_of
+from tests.helpers.logs.bus_maps import Decoding, Values, values_of
 
 EEC1 = 0x0CF00400  # engine speed, from the engine at address 0
 HEADER = 'VERSION ""\nNS_ :\nBS_:\nBU_: ECM\n'

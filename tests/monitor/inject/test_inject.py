@@ -18,8 +18,7 @@ from monitor.frames.loop_frames import log_gap, time_mark
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.inject.injector import Injector
 from tests.helpers.examples import inputs
-from tests.helpers.logs.bus_maps import AEM, OBD, OWN, RUSEFI
-from tests.helpers.logs.decoding import Decoding, values_of
+from tests.helpers.logs.bus_maps import AEM, OBD, OWN, RUSEFI, Decoding, values_of
 from tests.helpers.logs.injected_frames import (
     AIR_ID,
     HALF_STEP,

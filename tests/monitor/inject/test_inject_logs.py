@@ -15,9 +15,8 @@ from monitor.grid.tables import read_table
 from monitor.inject.injection import FRAME_FAULTS, NAMES, Injection
 from monitor.memory.codes import CODES
 from tests.helpers.drives.drive_tables import table
-from tests.helpers.logs.bus_maps import OBD
+from tests.helpers.logs.bus_maps import OBD, values_of
 from tests.helpers.logs.car_model import log_and_model
-from tests.helpers.logs.decoding import values_of
 from tests.helpers.logs.injected_frames import (
     HEALTHY,
     MS,
@@ -29,6 +28,8 @@ from tests.helpers.logs.injected_frames import (
 )
 from tests.helpers.logs.logger_files import drive, write_text_table
 
+Capture = pytest.CaptureFixture[str]
+
 SEVERITY = {"biased_lean": 0.2, "intermittent": 5.0}  # this vehicle's own offset is -0.03
 WITHIN_S = {"intermittent": 180.0}
 SCENARIOS = ROOT / "docs" / "scenarios"
@@ -38,11 +39,7 @@ FOUND = [name for name in CODES if name in NAMES and name not in SLOW]
 
 @pytest.mark.parametrize("name", FOUND)
 def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
-    name: str,
-    minutes: Path,
-    ninety_seconds: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    name: str, minutes: Path, ninety_seconds: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     # GIVEN a scenario that expects every code of the fault, pending in the first drive
     scenario = tmp_path / "s.toml"
@@ -68,7 +65,7 @@ def test_disturbances_that_are_no_fault_of_the_sensor_raise_no_code(
 
 
 def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
-    ninety_seconds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ninety_seconds: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text('[[fault]]\nname = "gain_low"\n[[expect]]\ncode = "P0133"\n')
@@ -81,9 +78,7 @@ def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
 
 
 @pytest.mark.parametrize("name", sorted(p.name for p in SCENARIOS.glob("*.toml")))
-def test_the_shipped_scenarios_are_met(
-    name: str, minutes: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_shipped_scenarios_are_met(name: str, minutes: Path, capsys: Capture) -> None:
     scenario = SCENARIOS / name
     log = HEALTHY if name.startswith("offset") else minutes  # what is healthy takes longer
     assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
@@ -104,7 +99,7 @@ def test_every_log_format_is_written_and_judged_alike(suffix: str, tmp_path: Pat
 
 
 def test_what_a_log_loses_is_said_and_a_log_of_no_frame_replaces_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     # GIVEN a log with a remote frame, an error frame and a line that is no frame
     source, out = write(tmp_path / "in.log", lambda_frames([1.0] * 300)), tmp_path / "out.log"
@@ -124,7 +119,7 @@ def test_what_a_log_loses_is_said_and_a_log_of_no_frame_replaces_nothing(
 
 
 def test_a_fault_acts_in_its_seconds_although_the_clock_of_the_log_is_set(
-    ninety_seconds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ninety_seconds: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     frames = list(read_frames(ninety_seconds))
     late = [*frames[:2000], *(f._replace(t_ns=f.t_ns + 10**18) for f in frames[2000:])]
@@ -134,7 +129,7 @@ def test_a_fault_acts_in_its_seconds_although_the_clock_of_the_log_is_set(
 
 
 def test_a_log_with_faults_stays_simulated_and_is_replaced_until_somebody_changes_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     # GIVEN a log that its manifest calls simulated
     source, out = write(tmp_path / "in.log", lambda_frames([1.0] * 50)), tmp_path / "out.log"
@@ -185,11 +180,7 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
     ],
 )
 def test_what_cannot_be_is_refused_with_exit_code_2(
-    argv: list[str],
-    says: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    argv: list[str], says: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for word in (word for word in argv if word.startswith("CAN_")):  # of the environment
         monkeypatch.setenv(*word.split("="))
@@ -228,7 +219,7 @@ def columns(path: Path) -> dict[str, np.ndarray]:
 
 
 def test_a_table_with_a_late_sensor_has_the_code_of_a_late_sensor(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     # GIVEN a healthy table, and a scenario whose sensor is late from 60 s on
     healthy, late = table(tmp_path / "drive.csv"), tmp_path / "late.csv"
@@ -315,7 +306,7 @@ def test_a_column_whose_name_has_a_comma_stays_one_column(tmp_path: Path) -> Non
     ],
 )
 def test_what_a_table_cannot_have_is_refused(
-    name: str, out: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, out: str, message: str, tmp_path: Path, capsys: Capture
 ) -> None:
     healthy = str(table(tmp_path / "drive.csv"))
     assert cli.main(["inject", healthy, "--out", str(tmp_path / out), "--fault", name]) == 2

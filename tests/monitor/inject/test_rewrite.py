@@ -16,8 +16,7 @@ from monitor.decode.raw_values import bit_position, not_available_raw
 from monitor.decode.signal_map import Integrity, MappedSignal
 from monitor.inject.rewrite import MessageWriter, SignalWriter, writers
 from tests.helpers.examples import inputs
-from tests.helpers.logs.bus_maps import OBD, OWN
-from tests.helpers.logs.decoding import values_of
+from tests.helpers.logs.bus_maps import OBD, OWN, values_of
 
 LAMBDA_ID, CHECKSUM = 0xC2, 7
 

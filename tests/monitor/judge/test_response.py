@@ -26,7 +26,7 @@ from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.trust import Trust
 from monitor.memory.codes import CODES
 from tests.helpers.examples import inputs
-from tests.helpers.models.bank import readings
+from tests.helpers.models.windows import readings
 from training.limits.response.response_limits import healthy_gain
 
 STEP_S, PERIOD_S, WINDOW = 0.01, 0.1, 50

@@ -19,8 +19,10 @@ from monitor.pipeline.replay import shipped_model
 from tests.conftest import ROOT
 from tests.helpers.logs.replays import replays
 
+Capture = pytest.CaptureFixture[str]
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+
+def refused(capsys: Capture, *arguments: str | Path) -> str:
     """Return the error line of a command that must fail with exit code 2."""
     code = cli.main([str(a) for a in arguments])
     err = capsys.readouterr().err
@@ -95,11 +97,7 @@ def bad(ninety_seconds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_what_cannot_be_judged_is_refused_in_one_line_that_names_it(
-    command: str,
-    words: list[str],
-    bad: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    command: str, words: list[str], bad: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(bad)
     monkeypatch.setenv("CAN_INTERFACE", "")
@@ -110,7 +108,7 @@ def test_what_cannot_be_judged_is_refused_in_one_line_that_names_it(
 
 @pytest.mark.parametrize("suffix", ["log", "blf", "log.gz"])
 def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_says_so(
-    capsys: pytest.CaptureFixture[str], ninety_seconds: Path, tmp_path: Path, suffix: str
+    capsys: Capture, ninety_seconds: Path, tmp_path: Path, suffix: str
 ) -> None:
     # GIVEN a log that ends in the middle of a line, a container or a packed block
     whole = tmp_path / f"whole.{suffix}"
@@ -164,7 +162,7 @@ def test_a_reader_that_goes_away_changes_no_result(ninety_seconds: Path, tmp_pat
     ],
 )
 def test_a_drive_that_cannot_be_simulated_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str]
+    capsys: Capture, tmp_path: Path, arguments: list[str]
 ) -> None:
     from training import cli as train
 
@@ -173,6 +171,6 @@ def test_a_drive_that_cannot_be_simulated_is_refused(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_run_on_a_silent_bus_says_that_nothing_came(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_on_a_silent_bus_says_that_nothing_came(capsys: Capture) -> None:
     assert cli.main(["run", "-i", "virtual", "-c", "silent", "--duration", "0.3"]) == 3
     assert "nothing was received" in capsys.readouterr().out

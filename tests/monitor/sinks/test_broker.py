@@ -20,8 +20,7 @@ from monitor.sinks.address import open_sink
 from monitor.sinks.mqtt import Mqtt
 from monitor.sinks.outlet import Outlet
 from monitor.sinks.record import Record
-from tests.helpers.bus.beside import beside, send_as_driven
-from tests.helpers.bus.live_player import free_port, until
+from tests.helpers.bus.beside import beside, free_port, send_as_driven, until
 from tests.helpers.logs.replays import frames_of
 
 

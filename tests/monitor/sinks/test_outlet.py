@@ -16,7 +16,7 @@ from monitor.sinks.address import open_sink
 from monitor.sinks.outlet import BATCH, Outlet
 from monitor.sinks.record import Record
 from monitor.sinks.written import Written
-from tests.helpers.bus.live_player import until
+from tests.helpers.bus.beside import until
 
 
 class Fake:

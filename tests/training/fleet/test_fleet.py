@@ -32,6 +32,7 @@ from tests.helpers.drives.fleet_drives import (
     DELAYED,
     HEALTHY,
     LOGS,
+    Tables,
     assert_alike,
     close,
     judged,
@@ -55,7 +56,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def local(folder: Path) -> tuple[pl.DataFrame, pl.DataFrame]:
+def local(folder: Path) -> Tables:
     return judged([str(folder)], folder.parent / "local.parquet")
 
 
@@ -284,9 +285,7 @@ def test_a_place_without_recordings_is_named(tmp_path: Path) -> None:
             drives_of([given])
 
 
-def test_threads_of_one_worker_do_not_disturb_each_other(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame]
-) -> None:
+def test_threads_of_one_worker_do_not_disturb_each_other(folder: Path, local: Tables) -> None:
     # GIVEN the chunks of a fleet, judged by two threads as on a Dask worker with --nthreads 2
     kit = WorkerKit.of(replay.shipped_model(), config.load())
     chunks = chunks_of(drives_of([str(folder)]))
@@ -297,9 +296,7 @@ def test_threads_of_one_worker_do_not_disturb_each_other(
     assert_alike(tuple(pl.concat(each) for each in (rows, windows)), local)
 
 
-def test_a_killed_run_goes_on_where_it_was(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], tmp_path: Path
-) -> None:
+def test_a_killed_run_goes_on_where_it_was(folder: Path, local: Tables, tmp_path: Path) -> None:
     # GIVEN a run that is killed when its first chunk is stored
     out = tmp_path / "out.parquet"
     call = [str(folder), "--model", MODEL, "--out", str(out), "--jobs", "1"]
@@ -324,11 +321,7 @@ def test_a_killed_run_goes_on_where_it_was(
 
 @pytest.mark.parametrize("side", [4, 1], ids=["among others", "alone in its chunk"])
 def test_a_file_that_kills_the_process_is_a_row_and_the_others_are_judged(
-    side: int,
-    folder: Path,
-    local: tuple[pl.DataFrame, pl.DataFrame],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    side: int, folder: Path, local: Tables, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN ten recordings and between them one at which the process that judges it dies
     monkeypatch.setattr(fleet.parallel, "run", fleet_drives.run_deadly)

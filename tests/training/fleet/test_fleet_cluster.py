@@ -23,7 +23,7 @@ from monitor.base.types import FloatArray
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives import fleet_drives
-from tests.helpers.drives.fleet_drives import assert_alike, judged, tables
+from tests.helpers.drives.fleet_drives import Tables, assert_alike, judged, tables
 from training.fleet import run as fleet
 from training.fleet.drives import drives_of
 from training.fleet.page import fleet_page, outliers, summary
@@ -91,7 +91,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def local(folder: Path) -> tuple[pl.DataFrame, pl.DataFrame]:
+def local(folder: Path) -> Tables:
     return judged([str(folder)], folder.parent / "local.parquet")
 
 
@@ -102,7 +102,7 @@ def dask(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def test_a_cluster_gives_the_same_and_a_killed_worker_costs_only_time(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], dask: Cluster, tmp_path: Path
+    folder: Path, local: Tables, dask: Cluster, tmp_path: Path
 ) -> None:
     # GIVEN a fleet on two workers
     out, chunks = tmp_path / "out.parquet", []
@@ -122,7 +122,7 @@ def test_a_cluster_gives_the_same_and_a_killed_worker_costs_only_time(
 
 
 def test_runs_that_share_a_cluster_do_not_end_each_other(
-    folder: Path, local: tuple[pl.DataFrame, pl.DataFrame], dask: Cluster, tmp_path: Path
+    folder: Path, local: Tables, dask: Cluster, tmp_path: Path
 ) -> None:
     # GIVEN a fleet on a cluster
     kit, drives = WorkerKit.of(shipped_model(), config.load()), drives_of([str(folder)])

@@ -16,6 +16,8 @@ from training.dyno.simulation import Experiment
 from training.greybox.charge import INPUTS
 from training.healthy import new_model
 
+Capture = pytest.CaptureFixture[str]
+
 TRAINING = (("wltc_3b", 1001), ("udds", 1002), ("us06", 1003), ("micro_trips", 1036))  # cold to hot
 
 
@@ -61,11 +63,7 @@ def test_fit_writes_limits_and_a_report(model: Path) -> None:
     ],
 )
 def test_options_of_another_model_are_refused(
-    training: list[Path],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    message: str,
+    training: list[Path], tmp_path: Path, capsys: Capture, options: list[str], message: str
 ) -> None:
     arguments = ["fit", str(training[0]), "--kind", "greybox", "--out", str(tmp_path / "m.onnx")]
     assert o2train([*arguments, *options]) == 2
@@ -73,7 +71,7 @@ def test_options_of_another_model_are_refused(
 
 
 def test_a_recording_given_twice_is_refused(
-    training: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    training: list[Path], tmp_path: Path, capsys: Capture
 ) -> None:
     first = str(training[0])
     out = str(tmp_path / "m.onnx")
@@ -114,9 +112,7 @@ def test_evaluate_takes_it_too(model: Path, training: list[Path], tmp_path: Path
 @pytest.mark.parametrize(
     ("log", "code"), [("healthy_micro_trips_v102_s102.blf", 0), ("gain_low_micro_trips", 1)]
 )
-def test_the_monitor_runs_it_unchanged(
-    model: Path, log: str, code: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_monitor_runs_it_unchanged(model: Path, log: str, code: int, capsys: Capture) -> None:
     (path,) = (ROOT / "replay_logs").glob(f"{log}*")
     assert o2mon.main(["replay", str(path), "--model", str(model)]) == code
     assert ("gain_low" in capsys.readouterr().out) == bool(code)

@@ -31,6 +31,7 @@ from training.limits.judging import judge_recordings, why_not
 from training.limits.rates import rate
 from training.recordings.recording import Recording, load
 
+Capture = pytest.CaptureFixture[str]
 HIGHWAY = Experiment(cycle="hwfet", conditions=WARM)
 
 
@@ -98,7 +99,7 @@ def test_the_right_name_is_told_of_drives_whose_fault_is_known(
 
 
 def test_false_alarms_on_drives_said_to_be_healthy_stand_beside_what_the_limits_state(
-    drives: Path, calibrated: Path, capsys: pytest.CaptureFixture[str]
+    drives: Path, calibrated: Path, capsys: Capture
 ) -> None:
     # GIVEN two drives with a sound sensor and one with a late one WHEN all are said to be healthy
     sound = [str(path) for path in healthy(drives)[3:]]
@@ -183,7 +184,7 @@ def test_a_drive_that_the_model_was_trained_on_is_told(drives: Path) -> None:
 
 
 def test_too_few_windows_are_refused_and_the_model_stays(
-    drives: Path, calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drives: Path, calibrated: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     before = (drives / "model.onnx").read_bytes()
     short = tmp_path / "short.csv"
@@ -210,11 +211,7 @@ def test_too_few_windows_are_refused_and_the_model_stays(
     ],
 )
 def test_what_cannot_be_is_one_line(
-    change: list[str],
-    message: str,
-    drives: Path,
-    calibrated: Path,
-    capsys: pytest.CaptureFixture[str],
+    change: list[str], message: str, drives: Path, calibrated: Path, capsys: Capture
 ) -> None:
     files = {
         "faulty": drives / "hwfet_v1_s9106_slow_symmetric.parquet",

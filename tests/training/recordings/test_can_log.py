@@ -17,7 +17,7 @@ from monitor.frames.blocks import frames_of
 from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
 from tests.helpers.examples import inputs
-from tests.helpers.logs.decoding import Decoding, values_of
+from tests.helpers.logs.bus_maps import Decoding, values_of
 from training.cli import _parser
 from training.recordings.files.can_encoding import encode_message
 from training.recordings.files.can_log import block_of, broadcast, outgoing, write_log

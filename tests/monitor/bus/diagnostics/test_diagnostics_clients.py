@@ -29,9 +29,8 @@ from monitor.cli import diagnostics, main
 from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.store import Memory
 from monitor.pipeline import replay
-from tests.helpers.bus.beside import beside
+from tests.helpers.bus.beside import beside, until
 from tests.helpers.bus.diagnostics_state import VIN
-from tests.helpers.bus.live_player import until
 from tests.helpers.logs.batch_logs import MESSAGES, USUAL, payload
 from tests.helpers.logs.bus_maps import OWN as ECU_MAP
 

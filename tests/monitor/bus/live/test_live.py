@@ -27,7 +27,8 @@ from monitor.judge.findings import DtcChanged
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.events import CycleStarted, Tick
 from tests.conftest import ROOT
-from tests.helpers.bus.live_player import Player, Sink, until
+from tests.helpers.bus.beside import until
+from tests.helpers.bus.live_player import Player, Sink
 
 
 @pytest.fixture

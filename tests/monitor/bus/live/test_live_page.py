@@ -14,8 +14,8 @@ from playwright.sync_api import Browser, Page
 from monitor.base.types import Frame
 from monitor.bus.live.process import Server
 from monitor.memory.dtc_store import DtcStore
-from tests.helpers.bus.beside import beside
-from tests.helpers.bus.live_player import Player, until
+from tests.helpers.bus.beside import beside, until
+from tests.helpers.bus.live_player import Player
 from tests.helpers.logs.replays import frames_of
 
 LAPTOP, PHONE = (1366, 768), (390, 844)

@@ -12,8 +12,7 @@ import httpx
 import pytest
 
 from monitor import cli
-from tests.helpers.bus.beside import beside, send_as_driven
-from tests.helpers.bus.live_player import free_port
+from tests.helpers.bus.beside import beside, free_port, send_as_driven
 from tests.helpers.logs.replays import frames_of
 
 CHANNEL = "live-page"

@@ -18,8 +18,7 @@ from monitor.bus.live import page
 from monitor.bus.live.address import PageAddress, is_loopback, listen, may_ask, parse
 from monitor.bus.live.hub import RING, SAMPLES, STREAMS, WINDOWS, Hub
 from monitor.bus.live.page import FILES, HEADERS, Page
-from tests.helpers.bus.beside import beside
-from tests.helpers.bus.live_player import until
+from tests.helpers.bus.beside import beside, until
 
 HOST = "127.0.0.1"
 
