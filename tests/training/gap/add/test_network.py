@@ -24,6 +24,7 @@ from tests.helpers.gap.gap_networks import (
     inputs_of,
     ranges,
     rmse,
+    small_network,
 )
 from training.gap.add.constants import (
     fit_and_leave_out,
@@ -80,6 +81,11 @@ def test_the_free_run_goes_on_over_inputs_that_are_missing_for_a_while() -> None
     assert np.abs(held - phi)[1100:].max() < 1e-5
     with pytest.raises(RecordingError, match="maf_kg_h is never good"):
         predicted_phi(shipped_model(), [without(whole, slice(None), "maf_kg_h")])
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
+    return small_network(tmp_path_factory.mktemp("base"))
 
 
 @pytest.fixture(scope="module")
