@@ -291,7 +291,7 @@ def _by_values(quantity: MapQuantity, d: Description, fit: QuantityFit) -> Quant
         return fit
     if np.ptp(inside) == 0.0:
         return fit.doubted("never moves")
-    (low, high), middle = quantity.usual, float(np.median(inside))
+    (low, high), middle = quantity.usual, float(np.median(values))
     fuel = " (another fuel?)" * (quantity.name == "lambda_measured")
     odd = f"unusual: its median is {plain(middle)}{fuel}"
     return fit if low <= middle <= high else fit.doubted(odd)

@@ -561,3 +561,36 @@ def test_temperatures_without_a_unit_have_one_setting(
     said = [values(table, f"{n}_temperature_degc")[0] for n in ("coolant", "manifold")]
     celsius = [(each - 32.0) / 1.8 if coolant > 150.0 else each for each in (coolant, intake)]
     assert said == pytest.approx(celsius)
+
+
+@pytest.mark.parametrize(
+    ("names", "pressure"),
+    [
+        ("GPS Time,Device Time,Engine RPM(rpm),Speed (OBD),Engine Coolant Temperature,"
+         "Intake Manifold Pressure", 6.894757),
+        ("Clock,Time,Engine RPM,Vehicle speed,Engine coolant temperature,"
+         "Intake manifold absolute pressure,Absolute throttle position", 3.386389),
+    ],
+)  # fmt: skip
+def test_a_logger_set_to_other_units_is_read_in_them_though_its_names_state_none(
+    tmp_path: Path, names: str, pressure: float
+) -> None:
+    # GIVEN a drive at 87 °C, 60 kPa and 80 km/h, in °F, psi or inHg, and mph, without their names
+    path = tmp_path / "drive.csv"
+    cells = f"188.6,{60 / pressure:.4f}"
+    path.write_text(
+        names + "\n" + rows(lambda i: f"x,10:00:0{i / 10},{RPM[i]},{49 + i / 50},{cells},20")
+    )
+    # WHEN its shipped profile reads it THEN the coolant, which can be in °F only, tells all
+    table = read_table(path)
+    assert table.profile in ("torque", "obdlink")
+    assert values(table, "coolant_temperature_degc")[0] == pytest.approx(87.0)
+    assert values(table, "manifold_pressure_kpa")[0] == pytest.approx(60.0, rel=1e-3)
+    assert values(table, "vehicle_speed_km_h")[0] == pytest.approx(49 * 1.609344)
+
+
+def test_a_reading_that_is_half_below_any_mixture_is_no_lambda(proposed: Proposed) -> None:
+    # GIVEN the volts of a narrowband sensor without their unit
+    volts = rows(lambda i: f"{i / 10},{RPM[i]},{(0.2, 0.6, 0.8)[i % 3] + i / 1000}")
+    _, columns = proposed("Time,RPM,Lambda sensor\n" + volts)
+    assert "lambda_measured" not in columns
