@@ -5,6 +5,7 @@ import numpy as np
 import polars as pl
 import pytest
 from asammdf import MDF, Signal
+from cantools.database import can
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +14,7 @@ from monitor.base.errors import O2Error, RecordingError, SignalMapError, UsageEr
 from monitor.base.signals import OWN
 from monitor.base.types import Quality
 from monitor.decode.bus_map import load_pairs
+from monitor.decode.signal_map import Integrity
 from monitor.frames.blocks import frames_of
 from monitor.frames.logs import read_frames
 from monitor.frames.tables.readers import open_table
@@ -79,6 +81,12 @@ def test_what_the_table_lacks_or_leaves_blank_is_sent_as_not_available() -> None
     values = {"lambda_measured": np.full(50, math.nan)}
     found = Decoding(ECU, ECU.names).push(list(frames_of(broadcast(ECU, T_NS, values))))
     assert all(each and all(map(math.isnan, each.values())) for each in found)
+
+
+def test_a_missing_value_of_64_bits_without_a_sign_is_sent_as_not_available() -> None:
+    message = can.Message(256, "M", 8, [can.Signal("X", 0, 64)])
+    payloads = encode_message(message, Integrity(not_available="all_ones"), {}, 1)
+    assert payloads.tolist() == [[255] * 8]
 
 
 def test_messages_keep_their_cycle_and_counters_run_on() -> None:

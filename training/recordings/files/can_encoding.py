@@ -88,7 +88,8 @@ def _raw(signal: Signal, integrity: Integrity, physical: FloatArray, n: int) -> 
         raise SignalMapError(f"signal {signal.name} has shape {physical.shape}, ({n},) is wanted")
     scaled = np.rint((physical - float(signal.offset)) / float(signal.scale))
     sent = np.clip(np.nan_to_num(scaled), low, high).astype(np.int64)
-    return np.where(np.isnan(scaled), np.int64(missing), sent)
+    none = np.uint64(missing % 2**64).astype(np.int64)  # the same bits, also of 64 without a sign
+    return np.where(np.isnan(scaled), none, sent)
 
 
 def _pack(
