@@ -8,7 +8,6 @@ from typing import Any
 from monitor.base.config import Config
 from monitor.base.counts import counted
 from monitor.base.errors import UsageError
-from monitor.base.files import manifest
 from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
@@ -53,7 +52,7 @@ def calibrate(
         "schema": SCHEMA,
         "model": path.name,
         "model_sha256": model.sha256,
-        "simulated": any(_entry(r).get("source") == "simulated" for r in (*healthy, *faulty)),
+        "simulated": any(r.entry.get("source") == "simulated" for r in (*healthy, *faulty)),
         "limits": [
             {"name": name, "before": before[name].value if name in before else None, **asdict(own)}
             for name, own in card.limits.items()
@@ -72,24 +71,19 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
     for kind, drives, before in (("healthy", healthy, ()), ("faulty", faulty, healthy)):
         check_each_once((*before, *drives))
         for recording in drives:
-            told = _entry(recording).get("fault", "")  # None: known to be healthy
+            told = recording.entry.get("fault", "")  # None: known to be healthy
             if told is None if kind == "faulty" else told:
                 said = f"given as {kind}, its manifest says {told or 'healthy'}"
                 raise UsageError(f"{recording.path}: {said}")
 
 
-def _entry(recording: Recording) -> dict[str, Any]:
-    return manifest.entry_of(Path(recording.path), recording.sha256)
-
-
 def _row(recording: Recording, judged: Judged) -> dict[str, Any]:
     """Return the verdicts of the monitor and of the paper's rule on a drive."""
-    entry = _entry(recording)
     evidence = [window.statistics.response.evidence for window in judged.windows]
     return {
-        "recording": Path(recording.path).name,
+        "recording": recording.path.name,
         "sha256": recording.sha256,
-        **{name: entry.get(name) for name in ("source", "fault", "severity")},
+        **{name: recording.entry.get(name) for name in ("source", "fault", "severity")},
         "windows": len(judged.windows),
         "paper_failed": sum(window.paper_failed for window in judged.windows),
         "codes": sorted({dtc.code for dtc in judged.dtcs}),
@@ -112,8 +106,6 @@ def _warnings(card: ModelCard, good: Drives, bad: Drives, config: Config) -> lis
             texts.append("; ".join([f"{r.path}: no window, so it says nothing", *why]))
     speaking = sum(bool(judged.windows) for _, judged in good)
     if speaking < FEW_DRIVES:
-        texts.append(
-            f"{counted(speaking, 'healthy drive')} with windows: how drives differ is hardly seen, "
-            f"{FEW_DRIVES} and more are wanted"
-        )
+        few = f"{counted(speaking, 'healthy drive')} with windows: how drives differ is hardly seen"
+        texts.append(f"{few}, {FEW_DRIVES} and more are wanted")
     return texts

@@ -1,6 +1,6 @@
 """Text and page of a calibration."""
 
-from typing import Any, Final
+from typing import Any
 
 from monitor.base.counts import counted, plain
 from training.limits.evaluation import alarms_in_words
@@ -8,18 +8,14 @@ from training.limits.rates import in_words
 from training.pages.drawing import Drawing, axis, layer, plot
 from training.pages.page import page
 
-EMISSIONS: Final = "tailpipe above {limit:g} times that with a sound sensor ({source}):"
-
 
 def as_text(result: dict[str, Any]) -> str:
     """Return the lines that the command prints."""
-    lines = []
-    for limit in result["limits"]:
-        before = "none" if limit["before"] is None else plain(limit["before"])
-        lines.append(
-            f"limit {limit['name']}: {plain(limit['value'])} {limit['unit']}, was {before} "
-            f"({limit['origin']})"
-        )
+    lines = [
+        f"limit {own['name']}: {plain(own['value'])} {own['unit']}, was "
+        f"{'none' if own['before'] is None else plain(own['before'])} ({own['origin']})"
+        for own in result["limits"]
+    ]
     lines += [
         f"{kind} {name}: codes {codes}; paper's rule fails {failed} of {windows} windows"
         for kind in ("healthy", "faulty")
@@ -31,7 +27,8 @@ def as_text(result: dict[str, Any]) -> str:
     if told := result.get("emissions"):
         rows = (f"  {f}, {at}, single cars {each}, {by}" for f, at, each, by in emissions(told))
         own = ", ".join(f"{key} = {value:g}" for key, value in told["response"].items())
-        lines += [EMISSIONS.format(**told), *rows, f"settings that follow, [response]: {own}"]
+        top = f"tailpipe above {told['limit']:g} times that with a sound sensor ({told['source']}):"
+        lines += [top, *rows, f"settings that follow, [response]: {own}"]
     return "\n".join(lines)
 
 
@@ -40,15 +37,15 @@ def emissions(told: dict[str, Any]) -> list[tuple[str, ...]]:
     cars, and the pollutant.
     """
 
-    def words(severity: float | None, unit: str) -> str:
+    def words(severity: float | None, unit: str, before: str = "") -> str:
         if severity is None:
             return "not reached"
-        return f"{plain(severity, 2)} {unit}".removesuffix(" -")
+        return f"{before}{plain(severity, 2)} {unit}".removesuffix(" -")
 
     return [
         (
             name,
-            f"from {words(each['severity'], each['unit'])}".replace("from not", "not"),
+            words(each["severity"], each["unit"], "from "),
             "; ".join(words(s, each["unit"]) for s in each["of_each_car"]),
             each["pollutant"] or "-",
         )
@@ -68,10 +65,8 @@ def verdict(result: dict[str, Any]) -> str:
     alarms, found = result["false_alarms"], result["found"]
     faulty = f", and {found['events']} of {found['trials']} faulty ones" if found["trials"] else ""
     simulated = " Simulated recordings are among them." if result["simulated"] else ""
-    return (
-        f"With the new limits {alarms['events']} of "
-        f"{counted(alarms['trials'], 'healthy drive')} have a code{faulty}.{simulated}"
-    )
+    drives = counted(alarms["trials"], "healthy drive")
+    return f"With the new limits {alarms['events']} of {drives} have a code{faulty}.{simulated}"
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
@@ -106,8 +101,7 @@ def _evidence_figure(result: dict[str, Any]) -> Drawing:
     """Draw the largest evidence for a fault in each drive, and what sets a code."""
     layers, first = [], 1
     for kind, color in (("healthy", "measured"), ("faulty", "failed")):
-        seen = [row["evidence"] for row in result[kind] if row["evidence"] is not None]
-        if seen:
+        if seen := [row["evidence"] for row in result[kind] if row["evidence"] is not None]:
             drives = [float(first + i) for i in range(len(seen))]
             layers.append(layer("points", x=drives, y=seen, label=kind, color=color))
             first += len(seen)

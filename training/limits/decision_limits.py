@@ -1,6 +1,7 @@
 """Decision limits from healthy drives that the model, or its twin, has not seen."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from monitor.judge.limits import NO_LIMITS, Limits, in_unit
 from monitor.judge.residual import oriented
 from monitor.model.card import Limit, ModelCard
 from monitor.pipeline.events import WindowJudged
-from training.limits.judging import judge_recordings, most_common_cause
+from training.limits.judging import judge_recordings, why_not
 from training.limits.response.response_limits import response_limits
 from training.limits.response.stillness import still_limits
 from training.narx.model_file import Unseen
@@ -40,7 +41,9 @@ def limits_of(
     """
     windows = [window for drive in drives for window in drive]
     if len(windows) < MINIMUM_WINDOWS:
-        cause = most_common_cause(recordings, card, config)
+        of_each = (c.in_words for r in recordings for c in why_not(r, card, config)[:1])
+        most = Counter(of_each).most_common(1)
+        cause = f"{most[0][0]} (in {most[0][1]} of {len(recordings)} recordings)" if most else ""
         driven = " with the vehicle warm and in closed loop" if card.transform == "phi" else ""
         raise RecordingError(
             f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
@@ -50,29 +53,22 @@ def limits_of(
     long = [drive for drive in drives if len(drive) >= MINIMUM_WINDOWS] or [windows]
     noise, memory = _noise(long, card.transform)
     offsets, offset_std = healthy_offsets(_counted(long, config), config.bias)
-    each = [(abs(w.mean), w.std) for w in windows]
-    j_mu, j_sigma = np.quantile(each, PAPER_QUANTILE, axis=0)
+    j_mu, j_sigma = np.quantile([(abs(w.mean), w.std) for w in windows], PAPER_QUANTILE, axis=0)
     spread = max(6.0 * offset_std, 3.0 * math.sqrt(float(np.mean(np.square(offsets)))))
     floor = config.bias.offset_limit_lambda if card.transform == "phi" else 0.0
     where = f"{len(windows)} healthy windows, {origin}"
     quantile, unit = f"quantile {PAPER_QUANTILE}, {where}", card.output.unit
     phi = "-" if card.transform == "phi" else unit
+    alike = f"correlation of the residual's neighbouring samples, {where}"
+    means = "bounded spread of the median drive's window means"
+    why = f"largest of {floor:g}, six times the {means} and three times that of the drives' offsets"
     return {
         "j_mu": Limit(float(j_mu), unit, quantile),
         "j_sigma": Limit(float(j_sigma), unit, quantile),
         "noise": Limit(noise, phi, f"residual within windows, median drive of {where}"),
-        "noise_memory": Limit(
-            memory, "-", f"correlation of the residual's neighbouring samples, {where}"
-        ),
-        "offset": Limit(
-            max(floor, spread),
-            unit,
-            f"largest of {floor:g}, six times the bounded spread of the median drive's window "
-            f"means and three times that of the drives' offsets, {where}",
-        ),
-        "offset_std": Limit(
-            offset_std, unit, f"bounded spread of the median drive's window means, {where}"
-        ),
+        "noise_memory": Limit(memory, "-", alike),
+        "offset": Limit(max(floor, spread), unit, f"{why}, {where}"),
+        "offset_std": Limit(offset_std, unit, f"{means}, {where}"),
     }
 
 
@@ -98,17 +94,14 @@ def healthy_offsets(drives: Sequence[FloatArray], config: BiasConfig) -> tuple[l
     """
     counted, offsets, std = list(drives), list[float](), math.inf
     for _ in range(MOST_ROUNDS):
-        offsets, narrower = [float(drive.mean()) for drive in counted], _spread(counted)
+        offsets = [float(drive.mean()) for drive in counted]
+        narrower = math.sqrt(float(np.median([drive.var() for drive in counted])))
         if narrower >= CONVERGED * std:
             break
         std = narrower
         most = config.certainty * std
         counted = [np.clip(d, at - most, at + most) for d, at in zip(drives, offsets, strict=True)]
     return offsets, std
-
-
-def _spread(drives: Sequence[FloatArray]) -> float:
-    return math.sqrt(float(np.median([drive.var() for drive in drives])))
 
 
 def _noise(drives: Sequence[Sequence[WindowJudged]], transform: str) -> tuple[float, float]:
@@ -132,11 +125,8 @@ def with_limits(card: ModelCard, unseen: Unseen, origin: str, config: Config) ->
     Raises RecordingError if there are fewer than 10 windows.
     """
     recordings = [drive for _, drives in unseen for drive in drives]
-    judged = [
-        each
-        for model, drives in unseen
-        for each in judge_recordings(drives, model, NO_LIMITS, config)
-    ]
+    runs = (judge_recordings(drives, model, NO_LIMITS, config) for model, drives in unseen)
+    judged = [each for own in runs for each in own]
     config = in_unit(config, card)
     limits = limits_of([each.windows for each in judged], card, config, origin, recordings)
     card = replace(card, limits=limits, trust={})  # counted with other limits

@@ -9,7 +9,6 @@ from monitor.base import config
 from monitor.base.config import Config
 from monitor.base.counts import counted, plain
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.files.manifest import entry_of
 from monitor.base.types import BoolArray
 from monitor.judge.limits import Limits
 from monitor.model.step import Model
@@ -108,7 +107,7 @@ def _one(model: Model, recording: Recording, washout: int, settings: Config) -> 
     return {
         "path": str(recording.path),
         "sha256": recording.sha256,
-        "source": entry_of(Path(recording.path), recording.sha256).get("source"),
+        "source": recording.entry.get("source"),
         **figures(scored),
         "enabled": figures(enabled) if enabled.any() else None,
     }

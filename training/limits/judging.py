@@ -1,6 +1,5 @@
 """Recordings judged by the steps of the monitor, without files or frames."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -186,13 +185,6 @@ def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause
     observation = Observation(conditions, names, config.plausibility, card.period_ns * 1e-9)
     observation.push(block.values, block.quality, held)
     return causes(observation.observed(), Asked(card, config))
-
-
-def most_common_cause(recordings: Sequence[Recording], card: ModelCard, config: Config) -> str:
-    """Return the cause that keeps most recordings from windows, "" if there is none."""
-    first = (cause for recording in recordings for cause in why_not(recording, card, config)[:1])
-    most = Counter(cause.in_words for cause in first).most_common(1)
-    return f"{most[0][0]} (in {most[0][1]} of {len(recordings)} recordings)" if most else ""
 
 
 def judge_recordings(

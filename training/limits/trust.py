@@ -21,10 +21,7 @@ from training.recordings.sensor_fault import put_on
 LIMIT_FAULTS: Final = (
     *((f"slow_{edge}", 0.5) for edge in ("rich_to_lean", "lean_to_rich", "symmetric")),
     *((f"delay_{edge}", 0.4) for edge in ("rich_to_lean", "lean_to_rich", "symmetric")),
-    ("transient", 0.5),
-    ("gain_low", 0.6),
-    ("biased_lean", 0.1),
-    ("biased_rich", 0.1),
+    *(("transient", 0.5), ("gain_low", 0.6), ("biased_lean", 0.1), ("biased_rich", 0.1)),
 )
 LEAST_WINDOWS: Final = 10  # of a drive that counts, if any has as many
 MOST_DRIVES: Final = 10
@@ -47,21 +44,19 @@ def trust_of(unseen: Unseen, card: ModelCard, config: Config, where: str) -> dic
     parts is one: it counts as found what half of them find, as false what any of them does.
     """
     limits = Limits.from_card(replace(card, trust={}), config, where)
-    faults = [resolve(name, severity) for name, severity in LIMIT_FAULTS]
-    if card.transform != "phi":  # the unit of an offset is not known
-        faults = [fault for fault in faults if not fault.offset_lambda]
+    every, is_lambda = (resolve(*each) for each in LIMIT_FAULTS), card.transform == "phi"
+    faults = [fault for fault in every if is_lambda or not fault.offset_lambda]  # unit not known
     told = defaultdict[str, list[_Told]](list), defaultdict[str, list[_Told]](list)  # short, long
-    for model, recordings in unseen:
-        for recording in recordings:
-            if sum(map(len, told[True].values())) == MOST_DRIVES:
-                break
-            drive = recording.part(0, round(MOST_S * 1e9 / recording.period_ns))
-            faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
-            healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
-            found = [f.name for f, judged in zip(faults, others, strict=True) if judged.dtcs]
-            if healthy.windows:
-                own = _Told(found, {dtc.fault for dtc in healthy.dtcs}, healthy.explained or 0.0)
-                told[len(healthy.windows) >= LEAST_WINDOWS][recording.sha256].append(own)
+    for model, recording in ((model, each) for model, recordings in unseen for each in recordings):
+        if sum(map(len, told[True].values())) == MOST_DRIVES:
+            break
+        drive = recording.part(0, round(MOST_S * 1e9 / recording.period_ns))
+        faulty = [put_on(drive, fault, card.output.name, card.transform) for fault in faults]
+        healthy, *others = judge_recordings([drive, *faulty], model, limits, config)
+        found = [f.name for f, judged in zip(faults, others, strict=True) if judged.dtcs]
+        if healthy.windows:
+            own = _Told(found, {dtc.fault for dtc in healthy.dtcs}, healthy.explained or 0.0)
+            told[len(healthy.windows) >= LEAST_WINDOWS][recording.sha256].append(own)
     if not (drives := [*(told[True] or told[False]).values()]):
         return {}
 

@@ -43,13 +43,13 @@ def level(value: float, values: FloatArray) -> int | None:
     return round(LEVELS * (value - low) / max(high - low, 1e-9))
 
 
-def over_plane(corner: str, x: FloatArray, y: FloatArray, values: FloatArray) -> Heat:
+def over_plane(corner: str, x: Sequence[float], y: Sequence[float], values: FloatArray) -> Heat:
     """Return the map of whole values (len(y) - 1, len(x) - 1) between edges; NaN is blank."""
     rows = [
         (
             plain(low),
             [HeatCell("" if np.isnan(v) else f"{v:.0f}", "", level(v, values)) for v in row],
         )
-        for low, row in zip(y[:-1].tolist(), values.tolist(), strict=True)
+        for low, row in zip(y[:-1], values.tolist(), strict=True)
     ]
-    return Heat(corner, [plain(low) for low in x[:-1].tolist()], rows[::-1])
+    return Heat(corner, [plain(low) for low in x[:-1]], rows[::-1])

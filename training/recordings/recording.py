@@ -38,7 +38,6 @@ __all__ = ["Recording", "default_pairs", "load", "log_block", "write_table"]
 Pairs = Sequence[tuple[str | Path, str | Path]]
 Samples = tuple[tuple[str, ...], int, SampleBlock]  # names, period in ns, samples
 ROWS_APART_MOST_S: Final = 60.0  # in the median
-DEFAULT_PAIR: Final = ("o2_ecu.dbc", "o2_ecu.toml")
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -83,6 +82,11 @@ class Recording(Shown):
         rows = slice(first, stop)
         values, quality = self.values[rows], self.quality[rows]
         return replace(self, t_s=self.t_s[rows], values=values, quality=quality)
+
+    @property
+    def entry(self) -> Mapping[str, Any]:
+        """Return what the manifest.json beside the file says of it, nothing without one."""
+        return entry_of(self.path, self.sha256)
 
     @property
     def known(self) -> frozenset[str]:
@@ -224,7 +228,7 @@ def _from_measurement(
 
 def default_pairs() -> Pairs:
     """Return DBC and signal map of the project's own ECU."""
-    return [(dbc.path(DEFAULT_PAIR[0]), dbc.path(DEFAULT_PAIR[1]))]
+    return [(dbc.path("o2_ecu.dbc"), dbc.path("o2_ecu.toml"))]
 
 
 def log_block(
@@ -249,9 +253,9 @@ def training_recording(recording: Recording, n_samples: int | None = None) -> Tr
 
     n_samples : samples that were used; default all of them
     """
-    path, used = recording.path, len(recording.values) if n_samples is None else n_samples
-    source = entry_of(path, recording.sha256).get("source") or ""
-    return TrainingRecording(path.name, recording.sha256, used, source)
+    used = len(recording.values) if n_samples is None else n_samples
+    source = recording.entry.get("source") or ""
+    return TrainingRecording(recording.path.name, recording.sha256, used, source)
 
 
 def whole(

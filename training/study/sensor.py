@@ -13,7 +13,6 @@ import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.faults import resolve
-from monitor.base.files import manifest
 from monitor.base.runs import runs
 from monitor.base.types import FloatArray
 from training.jobs.json_tree import json_tree
@@ -106,10 +105,9 @@ def residuals(run: FreeRun, edges: FloatArray, j: Mapping[str, float]) -> dict[s
 
 def _named(recording: Recording) -> tuple[str, str]:
     """Return the fault of a faulty recording and its origin, from the manifest if it has one."""
-    path = Path(recording.path)
-    entry = manifest.entry_of(path, recording.sha256)
+    entry = recording.entry
     if not entry.get("fault"):
-        return path.name, "as recorded"
+        return recording.path.name, "as recorded"
     severity = entry.get("severity")
     name = f"{entry['fault']} {severity:g}" if severity is not None else str(entry["fault"])
     where = "in the control loop" if entry.get("in_the_loop") else "put on afterwards"

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from monitor.base.errors import RecordingError, UsageError
-from monitor.base.files.manifest import entry_of
 from training.recordings.recording import Recording, check_each_once
 from training.recordings.samples.preparation import Prepared, prepare, problems
 from training.study.narx.candidates import CANDIDATES
@@ -100,7 +99,7 @@ class Task:
 
 def source(recordings: Sequence[Recording]) -> str:
     """Return ``simulated``, ``recorded`` or both in words, by the recordings' manifests."""
-    simulated = [entry_of(Path(r.path), r.sha256).get("source") == "simulated" for r in recordings]
+    simulated = [r.entry.get("source") == "simulated" for r in recordings]
     if all(simulated):
         return "simulated"
     return "simulated and recorded" if any(simulated) else "recorded"

@@ -5,11 +5,9 @@ training is impossible or useless). Its text compares the recordings with the re
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from monitor.base.errors import UsageError
-from monitor.base.files.manifest import entry_of
 from training.limits.data_check.inputs import COPY_LAGS, copies, covered, excited
 from training.limits.data_check.samples import DataFinding, driven, usable
 from training.recordings.recording import Recording, check_each_once
@@ -58,7 +56,7 @@ def check(
                 "samples": len(r.t_s),
                 "period_s": r.period_ns / 1e9,
                 "duration_s": len(r.t_s) * (r.period_ns / 1e9),
-                "source": entry_of(Path(r.path), r.sha256).get("source"),
+                "source": r.entry.get("source"),
             }
             for r in recordings
         ],

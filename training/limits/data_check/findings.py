@@ -31,9 +31,8 @@ def verdict(result: dict[str, Any]) -> str:
     """Return one sentence: usable or not, and how many warnings and errors."""
     levels = [f["level"] for f in result["findings"]]
     errors, warnings = levels.count("error"), levels.count("warning")
-    if errors:
-        return f"not usable: {counted(errors, 'error')}, {counted(warnings, 'warning')}"
-    return f"usable: {counted(warnings, 'warning')}"
+    told = f"not usable: {counted(errors, 'error')}, " if errors else "usable: "
+    return told + counted(warnings, "warning")
 
 
 def as_page(result: dict[str, Any]) -> str:
@@ -58,12 +57,11 @@ def section(result: dict[str, Any]) -> str:
 
 
 def _view(result: dict[str, Any]) -> dict[str, Any]:
-    coverage = result["coverage"]
     return {
         "headline": _headline(result),
         "findings": sorted(result["findings"], key=lambda f: LEVELS.index(f["level"])),
         "excitation": result["excitation"],
-        "coverage": _coverage(coverage) if coverage else None,
+        "coverage": result["coverage"] and _coverage(result["coverage"]),
     }
 
 
@@ -85,5 +83,4 @@ def _coverage(coverage: dict[str, Any]) -> Heat:
     seconds = np.array(coverage["seconds"]).T
     seconds = np.where(seconds > 0.0, seconds, np.nan)
     corner = f"{words(coverage['load'])} over {words(coverage['speed'])}, lower ends; s"
-    speed, load = (np.array(coverage[key]) for key in ("speed_edges", "load_edges"))
-    return over_plane(corner, speed, load, seconds)
+    return over_plane(corner, coverage["speed_edges"], coverage["load_edges"], seconds)

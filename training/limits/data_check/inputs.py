@@ -123,9 +123,7 @@ def copies(data: Stretches, inputs: Sequence[str], output: str) -> Iterator[Data
     def valid(values: FloatArray) -> list[FloatArray]:
         return [x[r] for x, r in zip(data.each(values), rows, strict=True)]
 
-    forms = [valid(data.y)]
-    if transform != "none":
-        forms.append(valid(to_model_units(transform, data.y)))
+    forms = [valid(to_model_units(of, data.y)) for of in dict.fromkeys(("none", transform))]
     for i, name in enumerate(inputs):
         values = valid(data.u[:, i])
         level, change, lag = max((_copy(values, form) for form in forms), key=lambda c: abs(c[0]))
@@ -133,12 +131,10 @@ def copies(data: Stretches, inputs: Sequence[str], output: str) -> Iterator[Data
             continue
         shift = f" shifted by {lag} samples" if lag else ""
         text = f"{name} follows {output}{shift} with a correlation of {level:.5f}"
-        if abs(change) > COPY:
-            text += ": a copy of the output is no input, leave it out"
-            yield DataFinding("error", "leak", text)
-        else:
-            text += f", changes with {change:.3f}: make sure that it is not made from the output"
-            yield DataFinding("warning", "leak", text)
+        told = f", changes with {change:.3f}: make sure that it is not made from the output"
+        if is_copy := abs(change) > COPY:
+            told = ": a copy of the output is no input, leave it out"
+        yield DataFinding("error" if is_copy else "warning", "leak", f"{text}{told}")
 
 
 def _copy(u: Sequence[FloatArray], y: Sequence[FloatArray]) -> tuple[float, float, int]:

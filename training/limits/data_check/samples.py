@@ -13,7 +13,6 @@ from training.limits.decision_limits import MINIMUM_WINDOWS
 from training.narx.network import Spec
 from training.recordings.recording import Recording
 from training.recordings.samples import preparation
-from training.recordings.samples.preparation import BLOCK_S, ENABLE_COLUMNS, GROUP, Stretches
 
 LAGS = 5  # of a small network
 SHORTEST_STRETCH = 8 * LAGS  # training.recordings.samples.preparation drops shorter ones
@@ -34,7 +33,7 @@ class DataFinding(NamedTuple):
 
 def usable(
     recordings: Sequence[Recording], inputs: Sequence[str], output: str
-) -> tuple[Stretches | None, list[DataFinding]]:
+) -> tuple[preparation.Stretches | None, list[DataFinding]]:
     """Return what a training can use, the output as recorded, and findings on the samples."""
     names, outliers = (*inputs, output), dict[str, int]()
     columns = [preparation.columns_of(r, names, outliers) for r in recordings]
@@ -82,7 +81,7 @@ def _one_signal(name: str, values: FloatArray, outliers: int) -> Iterator[DataFi
 
 
 def driven(
-    recordings: Sequence[Recording], data: Stretches, n_inputs: int, output: str
+    recordings: Sequence[Recording], data: preparation.Stretches, n_inputs: int, output: str
 ) -> list[DataFinding]:
     """Return findings on the duration (for a training, whole blocks, and limits) and on the time in
     closed loop, outside fuel cut, with a ready sensor.
@@ -92,13 +91,13 @@ def driven(
     seconds, enabled_s = samples * period_s, enabled * period_s
     is_lambda = preparation.output_transform(output) == "phi"
     least = Spec(n_inputs, LAGS, SMALLEST).n_weights
-    wanted_s = MINIMUM_WINDOWS * WINDOW * period_s
+    wanted_s, whole_s = MINIMUM_WINDOWS * WINDOW * period_s, preparation.GROUP * preparation.BLOCK_S
     text, level = f"{duration(seconds)} usable", "ok"
     if samples < least:
         text += f": {samples} samples, even {SMALLEST[0]} neurons have {least} weights"
         level = "error"
-    elif is_lambda and seconds < GROUP * BLOCK_S:
-        text += f", at least {duration(GROUP * BLOCK_S)} are wanted to hold out whole blocks"
+    elif is_lambda and seconds < whole_s:
+        text += f", at least {duration(whole_s)} are wanted to hold out whole blocks"
         level = "warning"
     elif is_lambda and enabled_s < wanted_s:
         text += f", {duration(enabled_s)} in the enabled region; {duration(wanted_s)} are wanted "
@@ -107,7 +106,7 @@ def driven(
 
 
 def _closed_loop(recordings: Sequence[Recording], enabled_s: float, seconds: float) -> DataFinding:
-    recorded = [n for n in ENABLE_COLUMNS if any(n in r.names for r in recordings)]
+    recorded = [n for n in preparation.ENABLE_COLUMNS if any(n in r.names for r in recordings)]
     if not recorded:
         text = "the recordings do not say when the loop was closed: every sample counts alike"
         return DataFinding("ok", "closed loop", text)

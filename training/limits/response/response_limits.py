@@ -35,11 +35,8 @@ def response_limits(
     """
     own, period_s = config.response, card.period_ns / 1e9
     rule = ResponseRule(own, limits, period_s)
-    drives = [
-        _moments(windows, rule, card.transform)
-        for judged in healthy
-        if (windows := _moving(judged, config.plausibility.stuck_range))
-    ]
+    moving = (_moving(judged, config.plausibility.stuck_range) for judged in healthy)
+    drives = [_moments(windows, rule, card.transform) for windows in moving if windows]
     gain = healthy_gain(drives, limits, own.noise_least)
     plain = replace(limits, gain_model=gain, evidence=1.0, evidence_gain=1.0)
     steps = [_steps(moments, ResponseRule(own, plain, period_s)) for moments in drives]
@@ -106,15 +103,13 @@ def healthy_gain(drives: Sequence[Moments], limits: Limits, noise_least: float) 
 def _moving(judged: Judged, still: float) -> list[Window]:
     """Return a drive's windows of either kind in their order, without those that are ignored."""
     windows = [each.window for each in judged.windows] + [cut.window for cut in judged.cuts]
-    moving = [window for window in windows if np.ptp(window.measured) > still]
+    moving = (window for window in windows if np.ptp(window.measured) > still)
     return sorted(moving, key=attrgetter("t_end_ns"))
 
 
 def _moments(windows: Sequence[Window], rule: ResponseRule, transform: str) -> Moments:
-    found = []
-    for _, group in groupby(windows, attrgetter("is_cut")):
-        alike = list(group)
-        found.append(rule.regressed(phi_of(alike, transform), [w.bank for w in alike]))
+    groups = (list(group) for _, group in groupby(windows, attrgetter("is_cut")))
+    found = [rule.regressed(phi_of(own, transform), [w.bank for w in own]) for own in groups]
     return Moments._make(np.concatenate(each) for each in zip(*found, strict=True))
 
 

@@ -8,7 +8,7 @@ still reading are silent.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -86,22 +86,22 @@ def _still_stretches(
     return found
 
 
-def _stretches(measured: FloatArray, active: BoolArray, most: float) -> list[tuple[int, float]]:
-    """Return samples and last reading of the stretches in which the reading stands still.
+def _stretches(measured: FloatArray, active: BoolArray, most: float) -> Iterator[tuple[int, float]]:
+    """Yield samples and last reading of the stretches in which the reading stands still.
 
     active : (n,) whether a sample counts
     most : by how much the reading may move
     """
-    found: list[tuple[int, float]] = []
     low, high, last, count = math.inf, -math.inf, math.nan, 0
     for value, counts in zip(measured.tolist(), active.tolist(), strict=True):
         is_still = not math.isnan(value) and max(high, value) - min(low, value) <= most
         if count and not is_still:
-            found.append((count, last))
+            yield count, last
             count = 0
         if not count:
             low, high = math.inf, -math.inf
         if counts or count:
             low, high, count = min(low, value), max(high, value), count + counts
             last = value if counts else last
-    return [*found, (count, last)] if count else found
+    if count:
+        yield count, last

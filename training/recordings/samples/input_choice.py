@@ -43,7 +43,10 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
     known = frozenset.intersection(*(each.known for each in recordings))
     if frozenset(NARX_INPUTS) <= known:
         return NARX_INPUTS
-    common = frozenset(name for name in common if not _is_narrow(recordings, name))
+    for name, least in RANGE_LEAST.items():
+        columns = [each.column(name) for each in recordings if name in common]
+        if columns and max(map(np.nanmax, columns)) - min(map(np.nanmin, columns)) < least:
+            common -= {name}
     causes = CAUSES if common & {*CAUSES[0]} else (*CAUSES, *WITHOUT_FUEL)
     found = (next((name for name in cause if name in common), None) for cause in causes)
     inputs = tuple(dict.fromkeys(name for name in found if name is not None))
@@ -55,15 +58,6 @@ def choose_inputs(recordings: "Sequence[Recording]", output: str) -> tuple[str, 
             "--columns says which column is which signal, --inputs names others"
         )
     return inputs
-
-
-def _is_narrow(recordings: "Sequence[Recording]", name: str) -> bool:
-    """Return whether a signal's range is too small to be learned."""
-    if name not in RANGE_LEAST:
-        return False
-    columns = [each.column(name) for each in recordings]
-    low, high = min(map(np.nanmin, columns)), max(map(np.nanmax, columns))
-    return bool(high - low < RANGE_LEAST[name])
 
 
 def moving(recording: "Recording") -> frozenset[str]:
