@@ -5,7 +5,7 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
 from threading import local
 from typing import Any, Final
 from weakref import finalize
@@ -86,7 +86,7 @@ class Tools:
     config: Config
     reader: RecordingReader
     columns: Path | None  # columns map, which is read with every table
-    folder: "_Folder"  # of the maps
+    folder: "_Folder | None"  # of the columns map
     judges: dict[tuple[str, ...], RecordingJudge] = field(default_factory=dict)
 
     def judge_for(self, names: tuple[str, ...]) -> RecordingJudge:
@@ -122,16 +122,17 @@ class _Folder:
 
 
 def _made(kit: WorkerKit) -> Tools:
-    model, folder = model_of(*kit.model), _Folder()
-    laid = [
-        (_lay(folder.path / f"{i}.dbc", a), _lay(folder.path / f"{i}.toml", b))
-        for i, (a, b) in enumerate(kit.pairs)
-    ]
-    bus_map = load_pairs(laid, kit.channel)
-    columns = _lay(folder.path, kit.columns) if kit.columns else None
+    model, kept = model_of(*kit.model), _Folder() if kit.columns else None
+    with TemporaryDirectory(prefix="o2-kit-") as folder:
+        laid = [
+            (_lay(Path(folder) / f"{i}.dbc", a), _lay(Path(folder) / f"{i}.toml", b))
+            for i, (a, b) in enumerate(kit.pairs)
+        ]
+        bus_map = load_pairs(laid, kit.channel)
+    columns = _lay(kept.path, kit.columns) if kept and kit.columns else None
     limits = Limits.from_card(model.card, kit.config, kit.model[0])
     reader = RecordingReader(bus_map, model.card, columns)
-    return Tools(model, limits, kit.config, reader, columns, folder)
+    return Tools(model, limits, kit.config, reader, columns, kept)
 
 
 def _lay(folder: Path, file: File) -> Path:

@@ -191,9 +191,8 @@ def file_content(model: onnx.ModelProto, card: ModelCard) -> bytes:
     """Return the content of a model file, whose card holds the sha256 of its graph."""
     model.ClearField("metadata_props")
     graph = model_file.graph_sha256(model.SerializeToString())
-    helper.set_model_props(
-        model, model_file.metadata_of(replace(card, graph_sha256=graph).to_json())
-    )
+    told = model_file.metadata_of(replace(card, graph_sha256=graph).to_json())
+    helper.set_model_props(model, told)
     return model.SerializeToString()
 
 

@@ -13,17 +13,10 @@ from monitor.base.errors import RecordingError, UsageError
 from monitor.base.types import FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model
+from training.narx import model_file
 from training.narx.cross_fit import CrossFit, cross_fit
 from training.narx.export import build, write
-from training.narx.model_file import (
-    ALL_OF_A_NETWORK,
-    OF_TWINS,
-    FreeRunFit,
-    Unseen,
-    card_of,
-    network_of,
-    shape_of,
-)
+from training.narx.model_file import FreeRunFit, Unseen
 from training.narx.network import Spec
 from training.narx.search.mean import NetworkChoice, choose
 from training.narx.search.stability import Contraction
@@ -50,8 +43,8 @@ class FitResult(FreeRunFit):
     def healthy(self) -> tuple[Unseen, str]:
         """Return the twins, each with the drives that it has not seen; without any, the model."""
         if self.unseen.twins:
-            return list(self.unseen.unseen(self.card)), OF_TWINS
-        return [(Model.load(self.path), self.data.recordings)], ALL_OF_A_NETWORK
+            return list(self.unseen.unseen(self.card)), model_file.OF_TWINS
+        return [(Model.load(self.path), self.data.recordings)], model_file.ALL_OF_A_NETWORK
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,9 +144,9 @@ def write_model(
     checks: dict[str, Any] = {"contraction": asdict(gap)}
     if work:
         checks["work"] = {"counted": work.spent, "ended_by_wall": work.ended_by_wall}
-    network = network_of(twins.data, spec, weights)
-    own = {"unseen": twins.to_card(), "checks": checks, **shape_of(network, members)}
-    card = card_of(twins.data, twins.predicted, kind="narx", **own)
+    network = model_file.network_of(twins.data, spec, weights)
+    own = {"unseen": twins.to_card(), "checks": checks, **model_file.shape_of(network, members)}
+    card = model_file.card_of(twins.data, twins.predicted, kind="narx", **own)
     write(out, build(network), card)
     return card
 

@@ -58,12 +58,11 @@ def write_page(
 def _training_curves(result: FitResult) -> Drawing:
     """Draw the error of each start over its epochs, and the horizons of the best one."""
     starts = [start for start in result.chosen.starts if start.stages]  # a mean has no epochs
-    runs = [  # a stage begins where the one before it ended
-        np.concatenate(
-            [*(stage.scores[:-1] for stage in start.stages), start.stages[-1].scores[-1:]]
-        )
-        for start in starts
-    ]
+    # a stage begins where the one before it ended
+    parts = (
+        [*(s.scores[:-1] for s in each.stages), each.stages[-1].scores[-1:]] for each in starts
+    )
+    runs = [*map(np.concatenate, parts)]
     at = np.arange(max(map(len, runs)), dtype=np.float64)
     lines = []
     for index, scores in enumerate(runs):

@@ -20,15 +20,8 @@ import numpy as np
 
 from monitor.base.types import FloatArray
 from training.narx.network import Spec
-from training.narx.search.stages import (
-    HORIZONS,
-    N_SAMPLES,
-    Trained,
-    block_rows,
-    blocks_of,
-    finish,
-    train,
-)
+from training.narx.search import stages
+from training.narx.search.stages import N_SAMPLES, Trained, train
 from training.narx.work import Work
 from training.recordings.samples.preparation import Prepared, Role
 
@@ -167,11 +160,11 @@ class Search:
         data, decay = self.folds[fold], structure.decay if structure.hidden else 0.0
         start = Trained(structure.spec(data), decay=decay, seed=self.seed + fold, fold=fold)
         most = N_SAMPLES // self.n_tried
-        return train(data, start, work, horizons=HORIZONS[:-1], n_samples=most)
+        return train(data, start, work, horizons=stages.HORIZONS[:-1], n_samples=most)
 
     def _judged(self, structure: Structure, trained: Sequence[Trained]) -> Try:
         longest = max(self.most_lags, trained[0].spec.memory)
-        scored = [blocks_of(self.folds[t.fold], t.spec, memory=longest) for t in trained]
+        scored = [stages.blocks_of(self.folds[t.fold], t.spec, memory=longest) for t in trained]
         errors = [each.errors(t.weights) for each, t in zip(scored, trained, strict=True)]
         weights = np.concatenate([each.weights for each in scored])
         shares = weights / weights.sum()
@@ -190,8 +183,8 @@ class Search:
         def one(place: tuple[int, int], part: Work) -> Trained:
             known, fold = good[place[0]], place[1]
             tried = known.trained[fold : fold + 1] or [self._short(known.structure, fold, part)]
-            done = train(self.folds[fold], tried[0], part, HORIZONS[1:])
-            return done if keep else finish(self.folds[fold], done, part)
+            done = train(self.folds[fold], tried[0], part, stages.HORIZONS[1:])
+            return done if keep else stages.finish(self.folds[fold], done, part)
 
         return work.side_by_side(one, begun, self.threads)
 
@@ -212,5 +205,5 @@ def folds_of(data: Prepared, others: Iterable[Prepared]) -> list[Prepared]:
 
 def _scored(data: Prepared) -> int:
     """Return the validation samples that even the longest memory lets score."""
-    blocks = block_rows(data, LADDERS["longest"][-1], Role.VALIDATE)
+    blocks = stages.block_rows(data, LADDERS["longest"][-1], Role.VALIDATE)
     return sum(int((data.samples.weight[first:stop] > 0.0).sum()) for _, first, stop in blocks)

@@ -22,14 +22,9 @@ from training.narx.search import stages
 from training.narx.work import Work
 from training.recordings.metrics import correlation
 from training.recordings.samples.preparation import Prepared, Role, Samples
+from training.study.narx import first_order
 from training.study.narx.bayes import minimise_bayesian
 from training.study.narx.candidates import BAYES, CONJUGATE, LM, ModelCandidate
-from training.study.narx.first_order import (
-    RATE,
-    descend,
-    minimise_scaled_conjugate,
-    one_step_by_torch,
-)
 
 BLOCK = 1000  # largest block, in samples, that thinning keeps or drops as a whole
 ENOUGH = 50  # least enabled samples per role for figures on enabled samples
@@ -189,10 +184,12 @@ def _minimise(data: Prepared, spec: Spec, weights: FloatArray, job: Job) -> lm.L
     if algorithm == BAYES:
         return minimise_bayesian(objective, weights, len(at), epochs)[0]
     phi = regressors(spec, data.samples.u, data.samples.y)[at - spec.memory]
-    by_torch = one_step_by_torch(spec, phi, data.samples.y[at], data.samples.weight[at])
+    target, weight = data.samples.y[at], data.samples.weight[at]
+    by_torch = first_order.one_step_by_torch(spec, phi, target, weight)
     if algorithm == CONJUGATE:
-        return minimise_scaled_conjugate(by_torch, weights, epochs, validate)
-    return descend(by_torch, weights, epochs, job.candidate.rate or RATE, validate)
+        return first_order.minimise_scaled_conjugate(by_torch, weights, epochs, validate)
+    rate = job.candidate.rate or first_order.RATE
+    return first_order.descend(by_torch, weights, epochs, rate, validate)
 
 
 def _by_role(data: Prepared, spec: Spec, predicted: FloatArray) -> dict[str, dict[str, Any]]:
