@@ -33,6 +33,8 @@ from training.recordings import recording
 from training.recordings.sensor_fault import faulty_readings
 
 STEP_S = cycles.STEP_S
+
+
 # The same call gives the same bytes
 
 

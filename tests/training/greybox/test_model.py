@@ -2,11 +2,14 @@
 
 import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.studies.workflow.drive import recording
+from benchmarks.studies.workflow.plan import Part
 from monitor.base.config import shipped
 from monitor.base.errors import ModelError, UsageError
 from monitor.controller.export import export
@@ -19,11 +22,13 @@ from training.dyno.simulation import Experiment
 from training.gap.verify.verification import Fold, verify
 from training.greybox.chain import RECOVERY_S, base_path, simulate
 from training.greybox.charge import INPUTS, ChargeMap
-from training.greybox.fit.constants import reference
-from training.greybox.fit.drive import until
+from training.greybox.fit.constants import fit_constants, reference
+from training.greybox.fit.drive import ChainDrive, from_recording, joined, until
+from training.greybox.fit.vehicle_effects import own_of
 from training.greybox.graph.chain_graph import Greybox, build
 from training.greybox.model import POOR_CORRELATION, GreyboxResult, fit_greybox, greybox_inputs
 from training.healthy.base import plain_drives_of
+from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording, load
 
 PERIOD_S = 0.1
@@ -265,3 +270,56 @@ def test_a_chain_with_its_own_charge_is_verified_without_a_broadcast_one(
         for each in (silent, drives[2])
     )
     assert found.overall.before == told.overall.before > 0.0
+
+
+WALLED = 23_001
+WALLS = {"wall_film": 8.0}
+CYCLES = ("micro_trips", "wltc_3b", "udds", "us06")
+
+
+@cache
+def driven(first_seed: int, *effects: tuple[str, float]) -> tuple[Recording, ...]:
+    parts = [Part(cycle, first_seed + i, 60.0, None) for i, cycle in enumerate(CYCLES)]
+    return tuple(recording(part, WALLED, 500.0, dict(effects), None) for part in parts)
+
+
+def whole(recordings: tuple[Recording, ...]) -> ChainDrive:
+    return joined([from_recording(each) for each in recordings])
+
+
+def test_a_vehicle_whose_fuel_hardly_meets_walls_has_nothing_beside_the_chain() -> None:
+    assert own_of(whole(driven(23_100_000))) == ()
+
+
+def test_walls_that_take_much_of_the_fuel_are_part_of_a_healthy_vehicles_model(
+    tmp_path: Path,
+) -> None:
+    # GIVEN a vehicle with strong walls, healthy
+    old, new = (driven(seed, *WALLS.items()) for seed in (23_200_000, 23_300_000))
+    # WHEN a chain is fitted to some drives
+    found = fit_greybox(old, tmp_path / "model.onnx")
+    # THEN it has walls, and misses much less of other drives
+    assert found.greybox.own[0].name == "wall_film"
+    alone = fit_constants(whole(old)).constants
+    with_walls, without = [], []
+    for each, phi in zip(new, predicted_phi(tmp_path / "model.onnx", new), strict=True):
+        d = from_recording(each)
+        plain = simulate(base_path(alone, d.signals), 0.1)
+        with_walls.append((phi - d.phi_measured)[d.scored])
+        without.append((plain - d.phi_measured)[d.scored])
+    rms = [float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for e in (with_walls, without)]
+    assert rms[0] < 0.6 * rms[1]
+
+
+def test_coolant_that_never_moves_is_no_input_of_the_walls(tmp_path: Path) -> None:
+    # GIVEN healthy drives with strong walls and a warm engine, whose coolant is logged as 90 degC
+    warm = []
+    for each in driven(23_200_000, *WALLS.items()):
+        values = each.values.copy()
+        values[:, each.names.index("coolant_temperature_degc")] = 90.0
+        warm.append(replace(each, values=values))
+    # WHEN a chain is fitted to them, whose inputs nobody has chosen
+    found = fit_greybox(warm, tmp_path / "model.onnx")
+    # THEN it has walls all the same
+    assert found.greybox.own[0].name == "wall_film"
+    assert "coolant_temperature_degc" not in found.card.input_names
