@@ -1,6 +1,7 @@
 """Recordings made of columns or of a simulated bus's samples."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,5 @@ def recording_of_samples(
     block: SampleBlock, names: Sequence[str], name: str = "simulated", sha256: str = ""
 ) -> Recording:
     """Return samples at 10 Hz as a recording."""
-    return Recording(
-        path=Path(name),
-        sha256=sha256,
-        period_ns=100_000_000,
-        t_s=(block.t_ns - block.t_ns[0]) / 1e9,
-        names=tuple(names),
-        values=block.values,
-        quality=block.quality,
-    )
+    made = recording_of(dict(zip(names, block.values.T, strict=True)), name, sha256=sha256)
+    return replace(made, t_s=(block.t_ns - block.t_ns[0]) / 1e9, quality=block.quality)

@@ -1,6 +1,8 @@
-"""Simulated drives for tests of the gap workflow: the plant's own effects, as sent on its bus."""
+"""Simulated drives for tests of the gap workflow: the plant's own effects, as sent and as files."""
 
+from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,9 @@ import numpy as np
 from monitor.base.faults import resolve
 from tests.helpers.drives.simulated_drives import sampled
 from tests.helpers.shared import shared
+from training import cli
 from training.dyno.effects import from_severities
+from training.dyno.recording_files import write
 from training.dyno.simulation import Experiment
 from training.greybox.chain import Constants
 from training.greybox.fit import drive
@@ -19,29 +23,35 @@ from training.healthy.behaviour import Healthy
 VEHICLE = 2001
 
 
+CYCLES = ("micro_trips", "udds", "wltc_3b", "us06")
+Strength = tuple[str, float] | None  # an effect or a fault, and its severity
+
+
+def experiment(
+    seed: int, cycle: str, effects: Sequence[Strength], fault: Strength, **more: Any
+) -> Experiment:
+    """Return a drive of the vehicle with effects and perhaps a fault."""
+    made = from_severities(dict(each for each in effects if each))
+    faulty = resolve(*fault) if fault else None
+    return Experiment(cycle, VEHICLE, seed, faulty, effects=made, **more)
+
+
 @cache
 def simulated(
     cycle: str,
     seed: int,
-    effect: tuple[str, float] | None = None,
-    fault: tuple[str, float] | None = None,
+    effect: Strength = None,
+    fault: Strength = None,
     fault_start_s: float = 0.0,
-    also: tuple[str, float] | None = None,
+    also: Strength = None,
 ) -> ChainDrive:
     """Return ten minutes of a drive as the monitor's grid sees them."""
-    experiment = Experiment(
-        cycle=cycle,
-        vehicle=VEHICLE,
-        seed=seed,
-        effects=from_severities(dict(each for each in (effect, also) if each)),
-        fault=resolve(*fault) if fault else None,
-        fault_start_s=fault_start_s,
-        duration_s=600.0,
-    )
-    block, names = sampled(experiment, np.random.default_rng([5, seed]))
+    times = {"fault_start_s": fault_start_s, "duration_s": 600.0}
+    made = experiment(seed, cycle, (effect, also), fault, **times)
+    block, names = sampled(made, np.random.default_rng([5, seed]))
     columns = dict(zip(names, block.values.T, strict=True))
     measured = columns.pop("lambda_measured")
-    return drive.make(experiment.name, 0.1, columns, measured)
+    return drive.make(made.name, 0.1, columns, measured)
 
 
 @shared
@@ -61,3 +71,22 @@ def two_drives(seed: int, *effect: tuple[str, float], **other: Any) -> list[Chai
     """Return two drives with the same effect or fault in each."""
     cycles = ("micro_trips", "wltc_3b")
     return [simulated(cycle, seed + i, *effect, **other) for i, cycle in enumerate(cycles)]
+
+
+def drives(
+    folder: Path,
+    seed: int,
+    effect: Strength = None,
+    fault: Strength = None,
+    suffixes: Sequence[str] = ("parquet", "parquet", "parquet"),
+) -> list[Path]:
+    """Write drives of 400 s with the same effect or fault in each; return their paths."""
+    return [
+        write(experiment(seed + i, cycle, (effect,), fault, duration_s=400.0), folder, suffix)
+        for i, (cycle, suffix) in enumerate(zip(CYCLES, suffixes, strict=False))
+    ]
+
+
+def run(*arguments: str | Path) -> int:
+    """Run ``o2train gap``; return the exit code."""
+    return cli.main(["gap", *map(str, arguments)])

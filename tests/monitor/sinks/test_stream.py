@@ -18,6 +18,7 @@ from monitor.sinks.record import FIELDS, Record, Value, json_of
 from tests.conftest import ROOT
 
 SHIPPED = ROOT / "monitor" / "model" / "shipped.onnx"
+Told = tuple[list[dict[str, Any]], dict[str, Any]]  # records of a drive, and its entry in the JSON
 LATE = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 
@@ -28,16 +29,14 @@ def replayed(out: Path, *options: str) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Told:
     """Give the records of the late drive, and what the replay's JSON says of it."""
     folder = tmp_path_factory.mktemp("lines")
     records = replayed(folder / "out.jsonl", "--json", str(folder / "out.json"))
     return records, json.loads((folder / "out.json").read_text())["recordings"][0]
 
 
-def test_a_late_sensor_is_a_verdict_of_windows_of_fuel_cuts_and_one_code(
-    drive: tuple[list[dict[str, Any]], dict[str, Any]],
-) -> None:
+def test_a_late_sensor_is_a_verdict_of_windows_of_fuel_cuts_and_one_code(drive: Told) -> None:
     records, recording = drive
     [dtc] = recording["dtcs"]
     assert dtc["fault"] == "delay_rich_to_lean"
@@ -53,9 +52,7 @@ def test_a_late_sensor_is_a_verdict_of_windows_of_fuel_cuts_and_one_code(
     assert (code["state"], code["status"]) == (dtc["state"], dtc["status"])
 
 
-def test_signals_come_once_a_second_and_lambda_is_prediction_plus_residual(
-    drive: tuple[list[dict[str, Any]], dict[str, Any]],
-) -> None:
+def test_signals_come_once_a_second_and_lambda_is_prediction_plus_residual(drive: Told) -> None:
     signals = [each for each in drive[0] if each["kind"] == "signals"]
     assert {round((b["t_ns"] - a["t_ns"]) / 1e9, 6) for a, b in pairwise(signals)} == {1.0}
     names = ("lambda_measured", "predicted", "residual")

@@ -17,7 +17,7 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from tests.helpers.drives.recordings import recording_of
 from tests.helpers.gap.gap_drives import PERIOD_S, plain_signals
-from tests.helpers.gap.gap_files import run
+from tests.helpers.gap.gap_simulated import run
 from training import cli
 from training.gap.inputs import suitability
 from training.greybox.chain import Constants, base_path, simulate

@@ -10,7 +10,7 @@ import pytest
 from monitor.base.command_line.command import INTERRUPTED
 from monitor.base.errors import ModelError, UsageError
 from monitor.model.step import Model
-from tests.helpers.gap.gap_files import drives, run
+from tests.helpers.gap.gap_simulated import drives, run
 from tests.helpers.logs.replays import replays
 from training import cli
 from training.gap import workflow
