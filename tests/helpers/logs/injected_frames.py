@@ -3,30 +3,24 @@
 from pathlib import Path
 
 from monitor.base.types import Frame
-from monitor.decode.checksum import payload_checksum
 from monitor.inject.gateway import write_log
 from monitor.inject.injection import Injection
 from monitor.inject.injector import Injector
 from monitor.inject.rewrite import writers
 from tests.conftest import ROOT
+from tests.helpers.logs.batch_logs import MS, USUAL, payload
 from tests.helpers.logs.bus_maps import OWN, values_of
 from tests.helpers.logs.replays import frames_of
 
 HEALTHY = ROOT / "replay_logs" / "healthy_micro_trips_v102_s102.blf"
-LAMBDA_ID, FUEL_ID, AIR_ID, MS = 0xC2, 0xC1, 0xC0, 1_000_000
+LAMBDA_ID, FUEL_ID, AIR_ID = 0xC2, 0xC1, 0xC0
 WRITER = writers(OWN.channels)[LAMBDA_ID, False]
 
 
 def lambda_frames(readings: list[float], period_ms: int = 20) -> list[Frame]:
     """Sound frames of ECU_Lambda with these readings, its counter counting."""
-    frames = []
-    for n, reading in enumerate(readings):
-        empty = bytes([0, 0, 0, 0x10, 0b010101, 0, (n % 16) << 4, 0])
-        values = {"lambda_measured": reading, "sensor_ready": 1.0}
-        data = WRITER.write(empty, values)
-        sound = payload_checksum("crc8_sae_j1850_id", LAMBDA_ID, data, 7)
-        frames.append(Frame(n * period_ms * MS, LAMBDA_ID, False, data[:7] + bytes([sound])))
-    return frames
+    sent = (payload(LAMBDA_ID, USUAL | {"lambda_measured": x}, n) for n, x in enumerate(readings))
+    return [Frame(n * period_ms * MS, LAMBDA_ID, False, data) for n, data in enumerate(sent)]
 
 
 def decoded(frames: list[Frame], name: str = "lambda_measured") -> list[float]:
