@@ -37,6 +37,11 @@ SLOW = ("drift_lean", "drift_rich")  # in these minutes a drift is smaller than 
 FOUND = [name for name in CODES if name in NAMES and name not in SLOW]
 
 
+def inject(*words: str | Path) -> int:
+    """Run ``o2mon inject``; return the exit code."""
+    return cli.main(["inject", *map(str, words)])
+
+
 @pytest.mark.parametrize("name", FOUND)
 def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
     name: str, minutes: Path, ninety_seconds: Path, tmp_path: Path, capsys: Capture
@@ -51,7 +56,7 @@ def test_a_healthy_drive_with_a_fault_put_on_has_the_code_of_the_fault(
     scenario.write_text(f'[[fault]]\nname = "{name}"\n{severity}start_s = 20.0\n{expected}')
     # THEN it is met, and no other code came
     log = minutes if name in WITHIN_S else ninety_seconds
-    assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
+    assert inject(log, "--scenario", scenario, "--assert") == 0
     assert "NOT MET" not in capsys.readouterr().out
 
 
@@ -61,7 +66,7 @@ def test_disturbances_that_are_no_fault_of_the_sensor_raise_no_code(
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text(f'[[fault]]\nname = "{name}"\n[[expect]]\ncode = "none"\n')
-    assert cli.main(["inject", str(ninety_seconds), "--scenario", str(scenario), "--assert"]) == 0
+    assert inject(ninety_seconds, "--scenario", scenario, "--assert") == 0
 
 
 def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
@@ -69,7 +74,7 @@ def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
 ) -> None:
     scenario = tmp_path / "s.toml"
     scenario.write_text('[[fault]]\nname = "gain_low"\n[[expect]]\ncode = "P0133"\n')
-    assert cli.main(["inject", str(ninety_seconds), "--scenario", str(scenario), "--assert"]) == 1
+    assert inject(ninety_seconds, "--scenario", scenario, "--assert") == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[-3].split() == ["drive", "expected", "seen"]
     assert lines[-2].startswith("1      P0133          P2A00 pending (gain_low) after ")
@@ -81,7 +86,7 @@ def test_an_expectation_that_is_not_met_ends_with_1_and_a_table(
 def test_the_shipped_scenarios_are_met(name: str, minutes: Path, capsys: Capture) -> None:
     scenario = SCENARIOS / name
     log = HEALTHY if name.startswith("offset") else minutes  # what is healthy takes longer
-    assert cli.main(["inject", str(log), "--scenario", str(scenario), "--assert"]) == 0
+    assert inject(log, "--scenario", scenario, "--assert") == 0
     assert "  met" in capsys.readouterr().out
 
 
@@ -90,7 +95,7 @@ def test_every_log_format_is_written_and_judged_alike(suffix: str, tmp_path: Pat
     frames = lambda_frames([1.0 + 0.2 * np.sin(n / 9) for n in range(500)])
     source, out = tmp_path / "in.log", tmp_path / f"out{suffix}"
     write(source, frames)
-    assert cli.main(["inject", str(source), "--out", str(out), "--fault", "gain_low=0.5@2-8"]) == 0
+    assert inject(source, "--out", out, "--fault", "gain_low=0.5@2-8") == 0
     wanted = injected(frames, Injection("gain_low", 0.5, 2.0, 8.0))
     got = list(read_frames(out))
     assert [f.data for f in got] == [f.data for f in wanted]
@@ -106,14 +111,13 @@ def test_what_a_log_loses_is_said_and_a_log_of_no_frame_replaces_nothing(
     lines = source.read_text().replace("vcan0", "can1").splitlines()
     lines[9:9] = ["(0.17) can1 0C2#R", "(0.17) can1 20000004#0000000000000000", "(0.17) can1 0C"]
     source.write_text("\n".join(lines) + "\n")
-    assert cli.main(["inject", str(source), "-c", "can1", "--out", str(out)]) == 0
+    assert inject(source, "-c", "can1", "--out", out) == 0
     assert sum(len(block.key) for block in read_blocks(out, channels=Channels("can1"))) == 300
     said = capsys.readouterr().out
     assert "error and remote frames 2" in said
     assert "1 line left out, the first: line 12" in said
     before = out.read_bytes()
-    given = ["inject", str(source), "--out", str(out), "--force", "--fault", "signal_missing"]
-    assert cli.main(given) == 2
+    assert inject(source, "--out", out, "--force", "--fault", "signal_missing") == 2
     assert "no frame is left" in capsys.readouterr().err
     assert out.read_bytes() == before
 
@@ -123,8 +127,8 @@ def test_a_fault_acts_in_its_seconds_although_the_clock_of_the_log_is_set(
 ) -> None:
     frames = list(read_frames(ninety_seconds))
     late = [*frames[:2000], *(f._replace(t_ns=f.t_ns + 10**18) for f in frames[2000:])]
-    log, out = str(write(tmp_path / "set.log", late)), str(tmp_path / "out.log")
-    assert cli.main(["inject", log, "--out", out, "--fault", "biased_lean@20-25"]) == 0
+    log, out = write(tmp_path / "set.log", late), tmp_path / "out.log"
+    assert inject(log, "--out", out, "--fault", "biased_lean@20-25") == 0
     assert "clock_steps 1, rewritten 250" in capsys.readouterr().out
 
 
@@ -135,14 +139,14 @@ def test_a_log_with_faults_stays_simulated_and_is_replaced_until_somebody_change
     source, out = write(tmp_path / "in.log", lambda_frames([1.0] * 50)), tmp_path / "out.log"
     told = {"file": "in.log", "source": "simulated", "sha256": manifest.sha256_of(source)}
     manifest.save(tmp_path, {"in.log": told})
-    call = ["inject", str(source), "--out", str(out), "--fault"]
+    call = (source, "--out", out, "--fault")
     # THEN a fault is put on twice without a word, and the log is still said to be simulated
-    assert [cli.main([*call, fault]) for fault in ("noise", "gain_low=0.4")] == [0, 0]
+    assert [inject(*call, fault) for fault in ("noise", "gain_low=0.4")] == [0, 0]
     entry = manifest.entry_of(out)
     assert (entry["source"], entry["fault"], entry["severity"]) == ("simulated", "gain_low", 0.4)
     # WHEN it was edited THEN it is nobody's to replace
     out.write_text(out.read_text() + "(9.0) vcan0 123#00\n")
-    assert cli.main([*call, "noise"]) == 2
+    assert inject(*call, "noise") == 2
     assert "out.log: is there already; --force replaces it" in capsys.readouterr().err
 
 
@@ -151,13 +155,13 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
     write(source, lambda_frames([1.1] * 100))
     scenario.write_text('drives = 2\n[[fault]]\nname = "stuck_at_one"\ndrives = [2]\n')
     out = tmp_path / "out.log.gz"
-    assert cli.main(["inject", str(source), "--scenario", str(scenario), "--out", str(out)]) == 0
+    assert inject(source, "--scenario", scenario, "--out", out) == 0
     first, second = (tmp_path / f"out_{n}.log.gz" for n in (1, 2))
     means = [np.mean(decoded(list(read_frames(path)))) for path in (first, second)]
     assert means == pytest.approx([1.1, 1.0], abs=1e-3)
     first.unlink()  # AND a file of another in the second's place is found before that is written
     second.write_bytes(b"mine")
-    assert cli.main(["inject", str(source), "--scenario", str(scenario), "--out", str(out)]) == 2
+    assert inject(source, "--scenario", scenario, "--out", out) == 2
     assert not first.exists() and second.read_bytes() == b"mine"
 
 
@@ -186,7 +190,7 @@ def test_what_cannot_be_is_refused_with_exit_code_2(
         monkeypatch.setenv(*word.split("="))
     write(tmp_path / "in.log", lambda_frames([1.0] * 3))
     paths = {"IN": str(tmp_path / "in.log"), "OUT": str(tmp_path / "out.log")}
-    assert cli.main(["inject", *(paths.get(arg, arg) for arg in argv if arg[:4] != "CAN_")]) == 2
+    assert inject(*(paths.get(arg, arg) for arg in argv if arg[:4] != "CAN_")) == 2
     assert says in capsys.readouterr().err
 
 
@@ -204,8 +208,7 @@ def test_answers_under_29_bits_are_changed_as_those_under_11(
         write(tmp_path / name, [Frame(n * 100 * MS, key, long, a) for n, a in enumerate(answers)])
         out = tmp_path / f"out{name}"
         # WHEN a fault is put on each
-        done = ["inject", str(tmp_path / name), "--fault", "biased_lean", "--out", str(out), *maps]
-        assert cli.main(done) == 0
+        assert inject(tmp_path / name, "--fault", "biased_lean", "--out", out, *maps) == 0
     # THEN the same readings come out under the ECU's identifiers, and not the ECU's
     short, long_ = (list(read_frames(tmp_path / f"out{n}.log")) for n in (11, 29))
     assert len(short) == (20 if is_alone else 60)
@@ -229,8 +232,7 @@ def test_a_table_with_a_late_sensor_has_the_code_of_a_late_sensor(
         '[[expect]]\ncode = "P015A"\nwithin_s = 120.0\n'
     )
     # WHEN it is put on and judged at once
-    given = ("inject", str(healthy), "--scenario", str(scenario))
-    assert cli.main([*given, "--assert", "--out", str(late)]) == 0
+    assert inject(healthy, "--scenario", scenario, "--assert", "--out", late) == 0
     assert "P015A pending (delay_rich_to_lean)" in capsys.readouterr().out
     # THEN the written table has the same verdict, and only lambda differs, from 60 s on
     assert cli.main(["replay", str(late)]) == 1
@@ -253,8 +255,7 @@ def test_a_logger_s_file_becomes_a_table_whose_pinned_readings_stay(tmp_path: Pa
         'lambda_measured = { column = "AFR", unit = "AFR", pinned = [22.3] }\n'
     )
     out = tmp_path / "out.csv"
-    more = ("--profile", str(profile), "--fault", "biased_lean=0.1")
-    assert cli.main(["inject", str(log), "--out", str(out), *more]) == 0
+    assert inject(log, "--out", out, "--profile", profile, "--fault", "biased_lean=0.1") == 0
     moved = columns(out)["lambda_measured"] - own["afr"] / 14.7
     assert moved[:50] == pytest.approx(np.zeros(50), abs=1e-6)
     assert moved[50:] == pytest.approx(np.full(350, 0.1), abs=1e-4)
@@ -263,9 +264,7 @@ def test_a_logger_s_file_becomes_a_table_whose_pinned_readings_stay(tmp_path: Pa
 def test_a_sensor_that_is_not_ready_leaves_blanks_and_says_so(tmp_path: Path) -> None:
     out = tmp_path / "out.csv"
     healthy = table(tmp_path / "drive.csv")
-    assert (
-        cli.main(["inject", str(healthy), "--out", str(out), "--fault", "not_ready@100-110"]) == 0
-    )
+    assert inject(healthy, "--out", out, "--fault", "not_ready@100-110") == 0
     after = columns(out)
     blank = np.isnan(after["lambda_measured"]) & ~np.isnan(columns(healthy)["lambda_measured"])
     assert (np.flatnonzero(blank) == np.arange(1000, 1100)).all()
@@ -277,9 +276,9 @@ def test_a_fault_is_put_on_a_log_that_only_the_model_of_its_car_knows(tmp_path: 
     own = drive(400)
     log, model = log_and_model(tmp_path, own)
     out = tmp_path / "out.csv"
-    given = ("inject", str(log), "--out", str(out), "--fault", "biased_lean=0.1")
-    assert cli.main(given) == 2
-    assert cli.main([*given, "--model", str(model)]) == 0
+    given = (log, "--out", out, "--fault", "biased_lean=0.1")
+    assert inject(*given) == 2
+    assert inject(*given, "--model", model) == 0
     # THEN the table has lambda with the fault, and the model's own column
     assert columns(out)["lambda_measured"] == pytest.approx(own["afr"] / 14.7 + 0.1, abs=1e-4)
     assert columns(out)["Luft"] == pytest.approx(own["map_kpa"], abs=1e-4)
@@ -288,7 +287,7 @@ def test_a_fault_is_put_on_a_log_that_only_the_model_of_its_car_knows(tmp_path: 
 def test_a_column_whose_name_has_a_comma_stays_one_column(tmp_path: Path) -> None:
     log, out = tmp_path / "drive.csv", tmp_path / "out.csv"
     log.write_text('time_s,lambda_measured,"boost, kPa"\n0.0,1.0,2.0\n0.1,,3.0\n0.2,1.1,4.0\n')
-    assert cli.main(["inject", str(log), "--out", str(out), "--fault", "biased_lean=0.1"]) == 0
+    assert inject(log, "--out", out, "--fault", "biased_lean=0.1") == 0
     after = columns(out)
     assert after["boost, kPa"].tolist() == [2.0, 3.0, 4.0]
     assert after["lambda_measured"] == pytest.approx([1.1, np.nan, 1.2], nan_ok=True)
@@ -308,6 +307,6 @@ def test_a_column_whose_name_has_a_comma_stays_one_column(tmp_path: Path) -> Non
 def test_what_a_table_cannot_have_is_refused(
     name: str, out: str, message: str, tmp_path: Path, capsys: Capture
 ) -> None:
-    healthy = str(table(tmp_path / "drive.csv"))
-    assert cli.main(["inject", healthy, "--out", str(tmp_path / out), "--fault", name]) == 2
+    healthy = table(tmp_path / "drive.csv")
+    assert inject(healthy, "--out", tmp_path / out, "--fault", name) == 2
     assert message in capsys.readouterr().err
