@@ -61,8 +61,9 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
 
     None if the columns are others, or the names more than ``MOST_NAMES``.
     """
-    places = {each.name.casefold(): i for i, each in enumerate(dialect.columns) if each.name}
-    wanted = [(each.casefold(),) for each in pivot] if pivot else map(str.split, _LONG)
+    names = (each.name.casefold().strip("_") for each in dialect.columns)
+    places = {each: i for i, each in enumerate(names) if each}
+    wanted = [(n.casefold().strip("_"),) for n in pivot] if pivot else map(str.split, _LONG)
     name, value, unit = (next((places[w] for w in words if w in places), None) for words in wanted)
     if name is None or value is None or dialect.columns[name].kind != "text":
         return None

@@ -133,6 +133,22 @@ TABLES = {
         ),
         {"engine_speed_rpm": "Motordrehzahl", "lambda_measured": "Lambda"},
     ),
+    "fields of a database": (
+        ",result,_time,_value,_field\n"
+        + rows(lambda i: f",0,2026-06-25T20:03:{i:02d}.1Z,{RPM[i]},rpm")
+        + rows(lambda i: f",0,2026-06-25T20:03:{i:02d}.1Z,{AFR[i] / 14.7},lambda"),
+        {"engine_speed_rpm": "rpm", "lambda_measured": "lambda"},
+    ),
+    "units in words behind the values": (
+        "timestamp,RPM,MAF,LAMBDA\n"
+        + rows(
+            lambda i: (
+                f"10:00:{i:02d}.0,{RPM[i]} revolutions_per_minute,{AIR[i]} gram / second,"
+                f"{AFR[i] / 14.7} ratio"
+            )
+        ),
+        {"engine_speed_rpm": "RPM", "maf_kg_h": "MAF", "lambda_measured": "LAMBDA"},
+    ),
     "topics of a broker": (
         "topic,timestamp,payload\n"
         + rows(
@@ -468,6 +484,8 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("Lambda Fuel Corr (%)", -2.0, "lambda_controller", 0.98),
         ("Motordrehzahl (rpm)", 1500.0, "engine_speed_rpm", 1500.0),  # no electric motor
         ("Частота вращения (об/мин)", 1500.0, "engine_speed_rpm", 1500.0),
+        ("IPW_ms", 4.0, "injector_pulse_width_ms", 4.0),
+        ("Gaskleppositie (%)", 20.0, "throttle_percent", 20.0),
         ("Lambda sp. value (AFR)", 14.7, "lambda_measured", None),
     ],
 )
