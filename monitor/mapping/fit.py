@@ -40,7 +40,8 @@ UNSTATED: Final[dict[str, list[tuple[str, Unit]]]] = {  # likely units of a kind
     "lambda": [("", UNITS["-"]), ("AFR", Unit("lambda", 1.0 / STOICH_AFR))],
 }
 _PREFIX_LETTERS: Final = 4  # of an ECU's abbreviation, before "_" or ".", that may begin a name
-_ROLES: Final = {"other": 1.0, "target": 1.0}
+_ROLES: Final = dict.fromkeys(("other", "target"), 1.0)
+_MEANT: Final = dict.fromkeys(VOCABULARY["concepts"].keys() - {"engine", "ecu"}, 1.0)
 _SAYS: Final = {name: re.compile(text) for name, text in VOCABULARY["patterns"].items()}
 
 
@@ -147,7 +148,7 @@ def _doubts(
 ) -> Iterator[str]:
     """Yield why a name may not say the quantity: by a word that the quantity does not explain."""
     first = next(iter(words), "")[:_PREFIX_LETTERS]  # perhaps an ECU's, which says nothing
-    is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not match(_ROLES, (first,))[0]
+    is_apart = re.match(rf"{first}\d*[_.]", d.name.lower()) and not match(_MEANT, (first,))[0]
     if is_apart and not WORDS["bare"].issuperset(words[1:]):
         rest = [*dropwhile(lambda word: word == first or word.isdigit(), rest)]
     told = quantity.also.union(*(text.split("/") for text in _own_units(quantity, words)))

@@ -65,6 +65,12 @@ def test_air_per_stroke_follows_from_flow_and_speed_with_the_cylinders(tmp_path:
     assert recipe.factor * 60.0 / 2000.0 == pytest.approx(1e6 / 6000)
 
 
+def test_a_word_that_says_something_is_no_ecu_s_abbreviation_before_a_name() -> None:
+    corrections = (f'{what}_Fuel_Corr (0.1,0) [0|200] "%"' for what in ("Baro", "Purge"))
+    names = found(database_of(*corrections, 'RPM (1,0) [0|8000] "rpm"'))
+    assert names.keys() == {"engine_speed_rpm"}
+
+
 @pytest.mark.parametrize(("message", "is_engine_s"), [("Status_1", False), ("Engine_1", True)])
 def test_a_torque_of_the_engine_s_message_is_the_engine_s(message: str, is_engine_s: bool) -> None:
     signals = 'EstimatedTorque (0.5,-100) [-100|800] "Nm"', 'RPM (1,0) [0|8000] ""'
