@@ -76,10 +76,8 @@ def _raw(signal: Signal, integrity: Integrity, physical: FloatArray, n: int) -> 
     """Return raw values as integers, (n,)."""
     if signal.is_float:
         raise SignalMapError(f"signal {signal.name} is a float, integers are wanted")
-    bits = signal.length
-    low, high = (
-        (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signal.is_signed else (0, (1 << bits) - 1)
-    )
+    bits, half = signal.length, 1 << (signal.length - 1)
+    low, high = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
     missing = 0
     if integrity.not_available and bits >= 2:
         missing = low if signal.is_signed else high
@@ -87,9 +85,10 @@ def _raw(signal: Signal, integrity: Integrity, physical: FloatArray, n: int) -> 
     if physical.shape != (n,):
         raise SignalMapError(f"signal {signal.name} has shape {physical.shape}, ({n},) is wanted")
     scaled = np.rint((physical - float(signal.offset)) / float(signal.scale))
-    sent = np.clip(np.nan_to_num(scaled), low, high).astype(np.int64)
+    gone = np.isnan(scaled)
+    sent = np.clip(np.where(gone, 0.0, scaled), low, high).astype(np.int64)
     none = np.uint64(missing % 2**64).astype(np.int64)  # the same bits, also of 64 without a sign
-    return np.where(np.isnan(scaled), none, sent)
+    return np.where(gone, none, sent)
 
 
 def _pack(
