@@ -191,7 +191,7 @@ def _scored(
         verdict = judge_recordings([drive], setup.model, setup.limits, setup.config)[0]
         given = {fault for dtc in verdict.dtcs for fault in (dtc.fault, *dtc.also)}
         found, named = found + bool(given), named + (name in given)
-        best = max((w.statistics.response.evidence for w in verdict.windows), default=0.0)
+        best = max((w.response.evidence for w in verdict.windows), default=0.0)
         say(f"  {name}: {' or '.join(sorted(given)) or '-'}; evidence up to {best:.1f}")
     return row | {
         "codes": codes if healthy["completed"] or codes != "none" else "not judged",

@@ -12,7 +12,7 @@ from monitor.base.errors import UsageError
 from monitor.base.files.json_text import rounded
 from monitor.base.types import BoolArray, FloatArray, Shown
 from monitor.judge.causes.causes import Cause
-from monitor.judge.findings import Evidence
+from monitor.judge.decision.window_facts import Evidence
 from monitor.pipeline.collector import Trace
 from monitor.report.lines import verdict_text
 

@@ -17,12 +17,12 @@ from monitor.controller.network import literal, vector
 from monitor.judge import bias, enable
 from monitor.judge.counters import ticks_to_mature
 from monitor.judge.decision.window_facts import LAMBDA_LEAST
-from monitor.judge.electrical import returns
-from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE
-from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
+from monitor.judge.electrical import suite
+from monitor.judge.electrical.plausibility import DUTY, ENGINE, READY
+from monitor.judge.electrical.suite import STRETCHES_OF_A_CODE
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
 from monitor.judge.limits import Limits
-from monitor.judge.response.claims import claims
+from monitor.judge.response.bank import claims
 from monitor.judge.response.rule import GAIN_FOLLOWS, GAIN_KNOWN
 from monitor.judge.trust import OF_MODEL
 from monitor.memory.codes import CODES, TEST_OF, TESTS
@@ -203,7 +203,6 @@ def _of_movement(source: ExportSource) -> Iterator[tuple[str, float | bool, str]
     yield "HOLD", max(source.samples(movement.hold_s), movement.hold_samples) - 1, "neighbours"
     yield "NO_HOLD", movement.no_hold, "log odds"
     yield "RANGE_END", output.maximum, "output's unit"
-    yield "STILL_END", output.maximum if limits.still_end_s else math.inf, "output's unit"
 
 
 def _of_bias(limits: Limits, config: Config) -> Iterator[tuple[str, float | bool, str]]:
@@ -224,16 +223,15 @@ def _of_electrical(source: ExportSource) -> Iterator[tuple[str, float | bool, st
     is_phi = source.card.transform == "phi"
     yield "STEP_MOST", source.config.bias.fuel_span_lambda if is_phi else math.inf, "output's unit"
     still = max(samples(max(own.stuck_s, limits.still_s / STRETCHES_OF_A_CODE)), 2)
-    rest_s = max(own.fuel_cut_most_s, limits.still_end_s)
     dwelt = output.percentile_0_1 - output.minimum <= own.stuck_range
     may_be_cold = dwelt and not {ENGINE, READY} & set(names)
     yield "STUCK_RANGE", own.stuck_range, "output's unit"
     yield "STUCK_BAND", own.stuck_band_at_one, "output's unit"
     yield "JUMP", max(limits.noise, own.stuck_band_at_one), "output's unit"
     yield "VISITS", own.visits, "to one value"
-    yield "VISIT_LEAST", returns.LEAST, "readings of a visit"
+    yield "VISIT_LEAST", suite.LEAST, "readings of a visit"
     yield "STILL", int(still), "samples"
-    yield "RESTS", math.ceil(rest_s / (still * source.period_s)), "stretches"
+    yield "RESTS", math.ceil(own.fuel_cut_most_s / (still * source.period_s)), "stretches"
     yield "COLD", output.minimum if may_be_cold else -math.inf, "output's unit"
     yield "SATURATED", math.inf if "fuel_cut" in names else output.maximum, "output's unit"
     yield "RUNNING_RPM", own.engine_running_rpm, "1/min"

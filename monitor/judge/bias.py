@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from monitor.base.config import BiasConfig
+from monitor.judge.limits import Limits
 from monitor.judge.window import Opinion, Outcome
 
 MOST: Final = 256  # means of a drive that are kept
@@ -108,21 +109,13 @@ class BiasRule:
     away within the drive, by ``certainty`` more than ``step_most`` (the likelihood ratio over all
     times of a change: Basseville and Nikiforov, Detection of Abrupt Changes, section 2.4).
 
-    low, high : healthy offsets, output's unit
-    window_std : of one window's offset, output's unit
+    limits : with the healthy offsets and the spread of a window's
     step_most : largest step of a healthy offset within a drive, output's unit
     """
 
-    def __init__(
-        self,
-        config: BiasConfig,
-        low: float,
-        high: float,
-        window_std: float,
-        step_most: float = math.inf,
-    ) -> None:
+    def __init__(self, config: BiasConfig, limits: Limits, step_most: float = math.inf) -> None:
         self._config, self._step_most = config, step_most
-        self._low, self._high, self._window_std = low, high, window_std
+        self._low, self._high, self._std = limits.offset_low, limits.offset_high, limits.offset_std
         self.windows, self.total = 0, 0.0  # that count, and the sum of their offsets
         self._course = Course()
         self._sum = self._bounded = self._weight = self._square = 0.0
@@ -132,7 +125,7 @@ class BiasRule:
         config = self._config
         if not ignore:
             memory = config.memory
-            alone = config.certainty * self._window_std  # with which a window would fail alone
+            alone = config.certainty * self._std  # with which a window would fail alone
             counted = min(max(mean, self._low - alone), self._high + alone)
             self.windows += 1
             self.total += mean
@@ -145,7 +138,7 @@ class BiasRule:
             return Bias("inconclusive", offset=0.0)
         offset = self._sum / self._weight
         own = (1.0 - config.variance_shared) * self._square / self._weight**2
-        std = self._window_std * math.sqrt(config.variance_shared + own)
+        std = self._std * math.sqrt(config.variance_shared + own)
         judged = self._bounded / self._weight
         beyond = max(judged - self._high, self._low - judged) / std
         outcome, fault = ("inconclusive", None) if ignore else self._verdict(judged, beyond)
@@ -156,7 +149,7 @@ class BiasRule:
         config = self._config
         healthy = 0.5 * (self._low + self._high)
         # an offset may have begun within the drive
-        step, sure = self._course.step(self._step_most, healthy, self._window_std, config)
+        step, sure = self._course.step(self._step_most, healthy, self._std, config)
         if sure > config.certainty:
             return "failed", self._named(is_lean=step > 0.0)
         if self.windows < config.n_windows or 0.0 <= beyond <= config.certainty:
@@ -166,5 +159,5 @@ class BiasRule:
         return "failed", self._named(is_lean=offset > self._high)
 
     def _named(self, *, is_lean: bool) -> str:
-        kind = "drift" if self._course.drifts(self._window_std) else "biased"
+        kind = "drift" if self._course.drifts(self._std) else "biased"
         return f"{kind}_{'lean' if is_lean else 'rich'}"

@@ -226,19 +226,15 @@ class Enable:
             [_samples(config, TABLE[i].recovery, period_s) for i in _RECOVERING]
         )
         self._second = max(round(1.0 / period_s), 1)  # samples
-        self.reset()
+        self._since = self._recovery.copy()  # samples since each of _RECOVERING was broken
+        self._since[_RECOVERING.index(_SETTLED)] = 0
+        self._duties: FloatArray | None = None  # of the purge valve in the last second
 
     @classmethod
     def of(cls, config: EnableConfig, names: Sequence[str], card: ModelCard) -> "Enable":
         """Return the conditions for a model on samples of ``names``."""
         own, period_s = settings_for(config, card), card.period_ns * 1e-9
         return cls(own, names, card.inputs, card.output.name, period_s)
-
-    def reset(self) -> None:
-        """Start as after switching on."""
-        self._since = self._recovery.copy()  # samples since each of _RECOVERING was broken
-        self._since[_RECOVERING.index(_SETTLED)] = 0
-        self._duties: FloatArray | None = None  # of the purge valve in the last second
 
     def push(self, values: FloatArray, quality: QualityArray | None = None) -> BoolArray:
         """Return the conditions of samples, (n, n_conditions) in the order of CONDITIONS.

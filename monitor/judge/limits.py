@@ -11,32 +11,26 @@ from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 
 NAMES: Final = "j_mu", "j_sigma", "noise", "noise_memory", "offset", "offset_std"  # in each card
-OPTIONAL: Final = "evidence", "evidence_gain", "gain_model", "still_s", "still_end_s"
+OPTIONAL: Final = "evidence", "evidence_gain", "gain_model", "still_s"
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of one model on one vehicle; ``noise`` is oriented like phi."""
+    """Limits of one model on one vehicle, by default none; ``noise`` is oriented like phi."""
 
-    j_mu: float  # paper's rule, mean of the residual, output's unit
-    j_sigma: float  # paper's rule, standard deviation of the residual, output's unit
-    noise: float  # healthy residual in enabled windows, standard deviation
-    noise_memory: float  # its correlation from one sample to the next
-    offset_low: float  # bias, output's unit
-    offset_high: float
-    offset_std: float  # of healthy windows' means, output's unit
+    j_mu: float = inf  # paper's rule, mean of the residual, output's unit
+    j_sigma: float = inf  # paper's rule, standard deviation of the residual, output's unit
+    noise: float = 1.0  # healthy residual in enabled windows, standard deviation
+    noise_memory: float = 0.0  # its correlation from one sample to the next
+    offset_low: float = -inf  # bias, output's unit
+    offset_high: float = inf
+    offset_std: float = 1.0  # of healthy windows' means, output's unit
     evidence: float = 0.5  # weight of a window's edges, which tell the timing
     evidence_gain: float = 1.0  # weight of its amplitude, which tells the gain
     gain_model: float = 1.0  # amplitude of healthy readings over that of the prediction
     still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
-    still_end_s: float = 0.0  # the same at the end of its range, where no signal tells a fuel cut
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     trust: Trust = UNKNOWN  # what the model finds and mistakes
-
-    @property
-    def excitation(self) -> float:
-        """Return the spread from which a prediction is said to move clearly; it decides nothing."""
-        return 2.0 * self.noise
 
     @property
     def gain_expected(self) -> float:
@@ -97,12 +91,4 @@ def in_unit(config: Config, card: ModelCard) -> Config:
     return replace(config, plausibility=replace(own, stuck_range=still, stuck_band_at_one=band))
 
 
-NO_LIMITS: Final = Limits(  # judge nothing, for windows alone
-    j_mu=inf,
-    j_sigma=inf,
-    noise=1.0,
-    noise_memory=0.0,
-    offset_low=-inf,
-    offset_high=inf,
-    offset_std=1.0,
-)
+NO_LIMITS: Final = Limits()  # judge nothing, for windows alone

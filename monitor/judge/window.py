@@ -1,4 +1,8 @@
-"""Windows of consecutive enabled samples, and what a rule says after one."""
+"""Windows of consecutive enabled samples, and what a rule says after one.
+
+The residual is measured minus predicted in the output's unit. The response rule works on signals
+oriented like phi = 1/lambda, for which rising is lean to rich.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,3 +107,19 @@ class Windows:
             self._filled %= self._n
             self._begun = [[column[-self._filled :].copy() for column in own]] * (self._filled > 0)
         return found
+
+
+def oriented(values: FloatArray, transform: str) -> FloatArray:
+    """Return values oriented like phi; NaN where lambda is not above zero.
+
+    transform : "phi" for lambda, which becomes 1/lambda; "none" for an output that rises towards
+        lean as lambda does, which is negated
+    """
+    if transform != "phi":
+        return -values
+    return np.asarray(1.0 / np.where(values > 0.0, values, np.nan))
+
+
+def lambda_of(oriented_values: FloatArray, transform: str) -> FloatArray:
+    """Return values oriented like phi, none of them 0, in the output's unit again."""
+    return 1.0 / oriented_values if transform == "phi" else -oriented_values

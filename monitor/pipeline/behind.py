@@ -17,7 +17,7 @@ from monitor.judge.catalyst.rear_circuit import CIRCUIT, RearCircuit
 from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
-from monitor.judge.electrical.readiness import ENGINE
+from monitor.judge.electrical.plausibility import ENGINE
 from monitor.memory.dtc_store import DtcStore
 from monitor.pipeline.conclusions import frozen
 from monitor.pipeline.entry import seconds

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.causes.causes import Asked, Judgement, SignalSource, causes
 from monitor.judge.causes.observation import Observation
-from monitor.judge.findings import Evidence
+from monitor.judge.decision.window_facts import Evidence
 from monitor.pipeline.entry import (
     dtc_entry,
     enable_shares,

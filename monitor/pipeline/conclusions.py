@@ -10,8 +10,8 @@ from monitor.base.signals import CAPACITY
 from monitor.base.types import FloatArray, SampleBlock
 from monitor.judge.catalyst.watch import BehindResult
 from monitor.judge.decision.decisions import Decisions
+from monitor.judge.decision.window_facts import Facts
 from monitor.judge.electrical.plausibility import TickResult
-from monitor.judge.findings import Facts
 from monitor.judge.limits import Limits
 from monitor.judge.window import Window
 from monitor.memory.cycles import Driven, Moment
@@ -108,8 +108,7 @@ class Conclusions:
             case Window():  # the facts of all those of a block are found together
                 if self._facts is None:
                     self._facts = iter(self.decisions.facts.of(self._windows))
-                decide = self.decisions.cut if found.is_cut else self.decisions.window
-                return decide(found, next(self._facts))
+                return self.decisions.window(found, next(self._facts))
             case _:
                 return self._count(found, t_ns)
         return ()

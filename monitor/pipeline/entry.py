@@ -15,8 +15,9 @@ from monitor.decode.bus_map import BusMap
 from monitor.grid.block_assembler import AssemblerCounters
 from monitor.grid.tables import Table
 from monitor.judge.causes.causes import Cause, SignalSource
+from monitor.judge.decision.window_facts import Evidence
 from monitor.judge.enable import CONDITIONS
-from monitor.judge.findings import Evidence, WindowJudged
+from monitor.judge.findings import WindowJudged
 from monitor.judge.limits import Limits
 from monitor.memory.dtc import Dtc
 from monitor.model.card import ModelCard
@@ -45,7 +46,7 @@ def window_fields(event: WindowJudged) -> dict[str, Any]:
         "fault": event.fault,
         "also": list(event.also),
         "excited": event.excited,
-        "statistics": event.statistics.as_dict(),
+        "statistics": event.statistics,
     }
 
 

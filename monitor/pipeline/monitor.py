@@ -7,7 +7,7 @@ side by side: their blocks go through model and bank together.
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from operator import itemgetter
 
 import numpy as np
@@ -30,7 +30,7 @@ from monitor.model.step import Model
 from monitor.pipeline.conclusions import At, Conclusions, Findings, between
 from monitor.pipeline.events import BlockEvent, DtcChanged, Ticks
 from monitor.pipeline.names import check_names
-from monitor.pipeline.segments import Part, RunState, Segments
+from monitor.pipeline.segments import Filling, Part, RunState, Segments
 
 SAMPLES = 2048  # of each recording that are judged at once
 
@@ -50,7 +50,7 @@ class Judge:
         self.names, self.card, self.config = tuple(names), model.card, in_unit(config, model.card)
         check_names(self.card, self.names)
         self.period_s = self.card.period_ns * 1e-9
-        self.rules = rules.loaded(config.rules.active)
+        self.rules = {name: rules.loaded(name) for name in config.rules.active}
         self.inputs = [self.names.index(name) for name in self.card.input_names]
         self._segments = Segments(model, config.response, self.inputs, self.period_s, rows)
 
@@ -162,32 +162,33 @@ class SensorMonitor:
         conditions = self.enable.push(own.values, own.quality)
         masks = enable.masks(conditions)
         burning = enable.holds(masks, enable.BURNING)
-        electrical, running = self.electrical.push(own.values, own.quality, burning)
+        electrical, running, _ = self.electrical.push(own.values, own.quality, burning)
         found = Findings(
             driven=between(counting.driven, begin, end),
             moments=between(counting.moments, begin, end),
             electrical=electrical,
             behind=[(each.at, each) for each in self.catalyst.push(own.values, running)],
         )
+        enabled = enable.holds(masks, enable.ENABLED)
+        in_cut = enable.holds(masks, enable.AROUND_FUEL_CUT, enable.RECOVERED)
+        kinds = Filling(self.windows, enabled, []), Filling(self._cut_windows, in_cut, [])
         segments = runs(enable.holds(masks, enable.INPUTS_VALID))
         goes_on = begin == 0 and begin not in starts and bool(segments) and segments[0][0] == 0
         return Part(
             block=own,
             measured=own.values[:, self._output],
             conditions=conditions,
-            enabled=enable.holds(masks, enable.ENABLED),
+            enabled=enabled,
             segments=segments,
             found=found,
-            windows=self.windows,
-            in_cut=enable.holds(masks, enable.AROUND_FUEL_CUT, enable.RECOVERED),
-            cut_windows=self._cut_windows,
+            kinds=kinds,
             run=self._run if goes_on else None,
             predicted=np.full(end - begin, np.nan),
         )
 
     def _start(self) -> None:
         """Begin a driving cycle as one begins after switching on."""
-        self.enable.reset()
+        self.enable = Enable.of(self.judge.config.enable, self.names, self.judge.card)
         self.electrical.reset()
         self.catalyst.reset()
 
@@ -211,9 +212,8 @@ class SensorMonitor:
         """Return the windows that are complete, each with its last sample."""
         series = part.block.t_ns, part.measured, part.predicted
         goes_on = part.run is not None
-        windows = self.windows.push(part.spans, series, goes_on=goes_on)
-        windows += self._cut_windows.push(part.cut_spans, series, goes_on=goes_on)
-        return sorted(windows, key=itemgetter(0))
+        found = [kind.windows.push(kind.spans, series, goes_on=goes_on) for kind in part.kinds]
+        return sorted(chain(*found), key=itemgetter(0))
 
     def _ticks(self, part: Part, begin: int, end: int) -> Ticks:
         inside = slice(begin, end)

@@ -6,7 +6,7 @@ from monitor.base.errors import MissingSignalsError
 from monitor.judge import enable
 from monitor.judge.catalyst.watch import REAR
 from monitor.judge.catalyst.watch import SIGNALS as CATALYST_SIGNALS
-from monitor.judge.electrical.readiness import DUTY
+from monitor.judge.electrical.plausibility import DUTY
 from monitor.memory.cycles import SIGNALS as CYCLE_SIGNALS
 from monitor.model.card import ModelCard
 

@@ -1,7 +1,7 @@
 """Model and sensor bank on runs of samples with valid inputs, many recordings side by side."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray, SampleBlock
-from monitor.judge.residual import oriented
 from monitor.judge.response.bank import Bank, BankState
-from monitor.judge.window import Span, Windows
+from monitor.judge.window import Span, Windows, oriented
 from monitor.model.step import Float32Array, Model
 from monitor.pipeline.conclusions import Findings
 
@@ -22,6 +21,14 @@ class RunState(NamedTuple):
 
     model: Float32Array  # (n_state,)
     bank: BankState
+
+
+class Filling(NamedTuple):
+    """Windows of one kind, and the samples that may fill them."""
+
+    windows: Windows
+    samples: BoolArray  # (n,)
+    spans: list[Span]  # those that do, once model and bank have run
 
 
 @dataclass(slots=True)
@@ -34,13 +41,9 @@ class Part:
     enabled: BoolArray  # (n,)
     segments: list[tuple[int, int]]  # runs of samples with valid inputs
     found: Findings
-    windows: Windows
-    in_cut: BoolArray  # (n,) samples that only a fuel cut disables
-    cut_windows: Windows  # around fuel cuts
+    kinds: tuple[Filling, ...]  # of enabled samples, and of those that only a fuel cut disables
     run: RunState | None  # that the first segment goes on from, if it begins with the block
     predicted: FloatArray  # (n,) output's unit, NaN until it is filled in
-    spans: list[Span] = field(default_factory=list)  # the samples that fill windows
-    cut_spans: list[Span] = field(default_factory=list)  # those that fill windows around cuts
     end: RunState | None = None  # behind the last sample
 
 
@@ -58,12 +61,8 @@ class _Row(NamedTuple):
 
         usable : (n,) of the segment, samples with a prediction
         """
-        part, inside = self.part, slice(self.begin, self.end)
-        goes_on = self.state is not None
-        for windows, samples, target in (
-            (part.windows, part.enabled, part.spans),
-            (part.cut_windows, part.in_cut, part.cut_spans),
-        ):
+        inside, goes_on = slice(self.begin, self.end), self.state is not None
+        for windows, samples, target in self.part.kinds:
             found = windows.spans(samples[inside] & usable, goes_on=goes_on, is_last=self.is_last)
             for begin, end in found:
                 yield target, begin, end
@@ -99,9 +98,8 @@ class Segments:
         for first in range(0, len(rows), self._n_rows):
             self._run(rows[first : first + self._n_rows])
         for part in parts:
-            if len(part.segments) > 1:
-                part.spans.sort(key=lambda span: span.begin)
-                part.cut_spans.sort(key=lambda span: span.begin)
+            for kind in part.kinds:
+                kind.spans.sort(key=lambda span: span.begin)
 
     def _run(self, rows: Sequence[_Row]) -> None:
         """Run the rows, the longest first."""

@@ -17,7 +17,7 @@ from monitor.grid.tables import Table, is_table, read_table
 from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
-from monitor.judge.electrical.readiness import ENGINE
+from monitor.judge.electrical.plausibility import ENGINE
 from monitor.judge.electrical.suite import ElectricalTests
 from monitor.judge.enable import BURNING, Enable, holds, masks
 from monitor.memory.dtc_store import DtcStore
@@ -109,7 +109,7 @@ def _judge_reading(table: Table, store: DtcStore, config: Config) -> None:
     enable = Enable(config.enable, names, (), OUTPUT, period_s)
     tests = ElectricalTests(config, names, output, period_s)
     burning = holds(masks(enable.push(block.values, block.quality)), BURNING)
-    found, _ = tests.push(block.values, block.quality, burning)
+    found, *_ = tests.push(block.values, block.quality, burning)
     counters = Counters(TESTS, config, store)
     for k, result in found:
         if result.fault != "stuck_at_one":

@@ -35,7 +35,7 @@ def recording_row(
     period_s = card.period_ns * 1e-9
     windows = judged.windows
     outcomes, stds = [window.outcome for window in windows], [window.std for window in windows]
-    last = windows[-1].statistics.as_dict() if windows else {}
+    last = windows[-1].statistics if windows else {}
     declared = drive.declared
     return {
         **_which(drive),
@@ -88,7 +88,7 @@ def window_rows(drive: FleetDrive, read: Read, judged: Judged) -> list[Row]:
             **{name: getattr(verdict, name) for name in OF_VERDICT},
             "verdict": verdict.outcome,
             "also": list(verdict.also),
-            **verdict.statistics.as_dict(),
+            **verdict.statistics,
         }
         for verdict in judged.windows
     ]
@@ -112,7 +112,7 @@ def _first_code(block: SampleBlock, judged: Judged, period_s: float) -> Row:
 
 def _reached_twice(windows: Sequence[WindowJudged], name: str) -> float | None:
     """Return the largest value of a statistic that two successive windows reach, if any do."""
-    values = [w.statistics.as_dict()[name] for w in windows]
+    values = [w.statistics[name] for w in windows]
     x = np.array([-np.inf if v is None else v for v in values], dtype=np.float64)
     return _finite(float(np.minimum(x[1:], x[:-1]).max(initial=-np.inf)))
 

@@ -79,7 +79,7 @@ def _check(healthy: Sequence[Recording], faulty: Sequence[Recording]) -> None:
 
 def _row(recording: Recording, judged: Judged) -> dict[str, Any]:
     """Return the verdicts of the monitor and of the paper's rule on a drive."""
-    evidence = [window.statistics.response.evidence for window in judged.windows]
+    evidence = [window.response.evidence for window in judged.windows]
     return {
         "recording": recording.path.name,
         "sha256": recording.sha256,

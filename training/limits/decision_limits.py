@@ -11,7 +11,7 @@ from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from monitor.judge.limits import NO_LIMITS, Limits, in_unit
-from monitor.judge.residual import oriented
+from monitor.judge.window import oriented
 from monitor.model.card import Limit, ModelCard
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, why_not

@@ -461,11 +461,8 @@ void o2_window(o2_monitor *m, o2_facts *facts)
     }
     column = report(m, !skip, facts);
     facts->offset = around_cut ? 0.0f : beside(m, rule->n, column);
-    if (around_cut) { /* a reading at the end of its range is in air */
-        skip = skip || (low >= (O2_RANGE_END - O2_STUCK_RANGE));
-    } else {
-        skip = facts->no_evidence || (high >= O2_STILL_END);
-    }
+    /* around a cut a reading at the end of its range is in air */
+    skip = skip || (around_cut && (low >= (O2_RANGE_END - O2_STUCK_RANGE)));
     judge_movement(m, rule, phi, skip, facts);
 }
 

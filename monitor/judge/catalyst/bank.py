@@ -109,7 +109,30 @@ class CatalystBank:
         x : 1 - 1/lambda upstream
         """
         grams = OXYGEN_IN_AIR * self._period_s * air_g_s
-        return self._volts(self._behind(x, grams), grams)
+        x_behind = self._behind(x, grams)
+        steady = self._steady(x_behind)
+        step, rise, volts, reading = self._step, self._rise, self._v, self._reading
+        step[:] = steady
+        full = OXYGEN_IN_AIR * self._period_s * self._config.leak_flow_g_s
+        share = 1.0 / (1.0 + (grams / full) ** 2)
+        step[self._leaks] = self._steady(x_behind + self._leak_phi * share)
+        if self._late:
+            late = self._past[self._at]
+            for i, direction in self._late:
+                one_sided = {1: np.minimum, -1: np.maximum}.get(direction)
+                step[i] = one_sided(steady, late) if one_sided else late
+            self._past[self._at] = steady
+            self._at = (self._at + 1) % self._ticks
+        step -= reading
+        np.maximum(step, 0.0, out=rise)
+        rise *= self._more_rising
+        step *= self._falling
+        reading += step
+        reading += rise
+        seen = richness(-reading, self._config) if self._wide else reading
+        np.multiply(seen, self._gain, out=volts)
+        volts += self._low_v
+        return volts
 
     def _behind(self, x: float, grams: float) -> FloatArray:
         """Return x of the gas behind each catalyst as a switching sensor sees it.
@@ -137,31 +160,6 @@ class CatalystBank:
     def _steady(self, x: FloatArray) -> FloatArray:
         """Return the readings in the steady state: richness, or -x of wide-range sensors."""
         return -x if self._wide else richness(x, self._config)
-
-    def _volts(self, x: FloatArray, grams: float) -> FloatArray:
-        steady = self._steady(x)
-        step, rise, volts, reading = self._step, self._rise, self._v, self._reading
-        step[:] = steady
-        full = OXYGEN_IN_AIR * self._period_s * self._config.leak_flow_g_s
-        share = 1.0 / (1.0 + (grams / full) ** 2)
-        step[self._leaks] = self._steady(x + self._leak_phi * share)
-        if self._late:
-            late = self._past[self._at]
-            for i, direction in self._late:
-                one_sided = {1: np.minimum, -1: np.maximum}.get(direction)
-                step[i] = one_sided(steady, late) if one_sided else late
-            self._past[self._at] = steady
-            self._at = (self._at + 1) % self._ticks
-        step -= reading
-        np.maximum(step, 0.0, out=rise)
-        rise *= self._more_rising
-        step *= self._falling
-        reading += step
-        reading += rise
-        seen = richness(-reading, self._config) if self._wide else reading
-        np.multiply(seen, self._gain, out=volts)
-        volts += self._low_v
-        return volts
 
 
 def richness(x: FloatArray, config: CatalystConfig) -> FloatArray:

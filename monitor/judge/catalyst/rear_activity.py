@@ -28,7 +28,6 @@ class _Excursion:
     begin_s: float
     end_s: float = math.inf
     is_followed: bool = False
-    is_spoilt: bool = False  # by a fuel cut
 
 
 class RearActivity:
@@ -49,7 +48,7 @@ class RearActivity:
     def push(self, t_s: float, front_v: float, rear_v: float, *, burning: bool) -> bool:
         """Take one sample; return whether a trial ended.
 
-        A pause longer than ``follow_gap_s`` and a value that is not known end all trials untold.
+        A pause above ``follow_gap_s``, an unknown value and a fuel cut end all trials untold.
         """
         config, trials = self._config, self.trials
         known = math.isfinite(front_v) and math.isfinite(rear_v)
@@ -67,13 +66,14 @@ class RearActivity:
                 each.end_s = min(each.end_s, t_s)
             if before != BETWEEN and self._rear == -self._front:
                 self._open.append(_Excursion(self._front, t_s))
+        if not burning:
+            self._open.clear()
         for each in self._open:
             each.is_followed |= self._rear == each.side
-            each.is_spoilt |= not burning
         # those that are over for longer than the rear sensor may be late
         for each in [e for e in self._open if t_s > e.end_s + config.follow_late_s]:
             self._open.remove(each)
-            if not each.is_spoilt and each.end_s - each.begin_s <= config.follow_longest_s:
+            if each.end_s - each.begin_s <= config.follow_longest_s:
                 self.trials += 1
                 self.followed += each.is_followed
                 self.log_odds += self._followed if each.is_followed else self._missed

@@ -31,17 +31,12 @@ class RearCircuit:
     def __init__(self, settings: Config, period_s: float) -> None:
         self._config, self._heater = settings.catalyst, settings.plausibility
         self._period_s = period_s
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin as after switching on."""
         # for how long, in s, something has held without a break; "high" lasts until a lean reading
         self._for_s = dict.fromkeys(("low", "high", "rest", "lively", "full", "regulated"), 0.0)
         self._lean_g = self._most_lean_g = 0.0  # oxygen of one lean stretch, while at rest
-        self._began_at_rest: bool | None = None
-        self._was_regulated = False
-        self.awake_s: float | None = None  # running time when the sensor first left its rest
-        self.heater_heard = False
+        self._has_rested = self._was_regulated = self._heater_heard = False
+        # running time until the sensor first left its rest, 0 if it did not begin there
+        self.wake_s: float | None = None
         self._said: dict[str, str] = {}
 
     @property
@@ -50,12 +45,7 @@ class RearCircuit:
 
         A sensor that was hot from the start, with its heater always at full duty, tells nothing.
         """
-        return self.heater_heard and bool(self._began_at_rest or self._was_regulated)
-
-    @property
-    def wake_s(self) -> float | None:
-        """Return after how long the sensor woke; None if it was awake or has not woken."""
-        return self.awake_s if self._began_at_rest else None
+        return self._heater_heard and (self._has_rested or self._was_regulated)
 
     def push(
         self, *, volts: float, x: float, air_g_s: float, running: int, duty_percent: float
@@ -93,30 +83,29 @@ class RearCircuit:
         self._hold("rest", rests, is_hot)
         more_g = OXYGEN_IN_AIR * air_g_s * x * step_s
         self._lean_g = self._lean_g + more_g if rests and is_lean else 0.0
-        self._most_lean_g = max(self._most_lean_g, self._lean_g * is_hot) if rests else 0.0
+        self._most_lean_g = max(self._most_lean_g, self._lean_g) if rests else 0.0
         is_awake = apart > config.awake_v
-        if self._began_at_rest is None:
-            self._began_at_rest = not is_awake
-        if is_awake and self.awake_s is None:
-            self.awake_s = run_s
+        if self.wake_s is None:
+            self.wake_s = run_s * self._has_rested if is_awake else None
+            self._has_rested |= not is_awake
         is_plausible = config.circuit_low_v <= v <= config.circuit_high_v
         self._hold("lively", is_plausible, is_awake)
 
     def _heating(self, duty: float, run_s: float) -> None:
         config, is_full = self._config, duty >= self._heater.heater_full_percent
-        self.heater_heard |= not math.isnan(duty)
+        self._heater_heard |= not math.isnan(duty)
         self._hold("full", is_full)
         self._hold("regulated", not is_full and duty > 0.0 and run_s > config.wake_most_s)
         self._was_regulated |= self._for_s["regulated"] >= config.circuit_pass_s
 
     def _decided(self, run_s: float) -> Iterator[tuple[str, str]]:
-        config, held = self._config, self._for_s
-        is_late = bool(self._began_at_rest) and (self.awake_s or run_s) > config.wake_most_s
+        config, held, is_awake = self._config, self._for_s, self.wake_s is not None
+        is_late = (run_s if self.wake_s is None else self.wake_s) > config.wake_most_s
         is_slow_start = is_late and held["full"] >= config.heater_start_s
         is_never_hot = self._was_regulated and held["full"] >= self._heater.heater_full_s
         if is_slow_start or is_never_hot:
             yield HEATER, HEATER
-        elif self.can_judge_heater and self.awake_s and (self._was_regulated or not is_late):
+        elif self.can_judge_heater and is_awake and (self._was_regulated or not is_late):
             yield HEATER, ""
         may_be_cold = self._said.get(HEATER) == HEATER
         is_unmoved = self._most_lean_g >= config.inactive_oxygen_g
@@ -134,4 +123,4 @@ class RearCircuit:
         """Return whether the latest voltage may be no reading of the gas."""
         config, held = self._config, self._for_s
         longest = max(held["low"], held["high"], held["rest"] - config.circuit_s)
-        return longest > 0.5 * config.circuit_pass_s or self._said.get(CIRCUIT, "") != ""
+        return longest > 0.5 * config.circuit_pass_s

@@ -53,8 +53,8 @@ class CatalystRule:
 
     def __init__(self, settings: Config, period_s: float, *, wide: bool = False) -> None:
         self._config, self._odds = settings.catalyst, settings.response
-        config, bank = self._config, CatalystBank(self._config, period_s, wide=wide)
-        self._bank = bank
+        config = self._config
+        bank = self._bank = CatalystBank(config, period_s, wide=wide)
         self._n_segment = max(round(config.segment_s / period_s), 1)
         self._n_settle = round(config.settle_s / period_s)
         self._weight = config.evidence_weight * period_s / config.memory_s
@@ -68,18 +68,10 @@ class CatalystRule:
         prior = -0.5 * (bank.offset / config.offset_std_phi) ** 2
         bad = np.array([config.sensor_prior if f else 0.0 for f in self._faults])
         self._has_leak = np.array([fault == LEAK for fault in self._faults])
-        self._sound_offset = np.abs(bank.offset) <= config.offset_sound_phi
-        self._lean_offset = bank.offset <= -config.offset_biased_phi
-        self._rich_offset = bank.offset >= config.offset_biased_phi
         self._prior = prior - bad[:, np.newaxis, np.newaxis]
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all evidence."""
         self._evidence = np.zeros(self._bank.shape)
         self._parts = np.zeros((self._config.offset_parts, *self._bank.shape))
         self.segments = 0
-        self._capacity: Capacity | None = None  # of the segments so far, once it was asked for
         self.low_v, self.high_v = math.inf, -math.inf  # of the voltage that was judged
         self._sum_v, self._n_v = 0.0, 0
         self.interrupt()
@@ -150,7 +142,6 @@ class CatalystRule:
         top = self._evidence[possible].max()
         np.clip(self._evidence, top - self._config.evidence_most, top, out=self._evidence)
         self._begin()
-        self._capacity = None
         self.segments += 1
 
     def _fairly(self) -> FloatArray:
@@ -204,14 +195,16 @@ class CatalystRule:
 
         An upstream sensor that reads lean needs oxygen taken off; one with a leak behind it, added.
         """
-        total = self._restricted(self._evidence)
+        total, offset = self._restricted(self._evidence), self._bank.offset
         intact, leaking = total[~self._has_leak], total[self._has_leak]
+        least = self._config.offset_biased_phi
         odds = {
-            "biased_lean": _sum(intact[:, :, self._lean_offset]),
-            "biased_rich": _sum(intact[:, :, self._rich_offset]),
+            "biased_lean": _sum(intact[:, :, offset <= -least]),
+            "biased_rich": _sum(intact[:, :, offset >= least]),
             LEAK: _sum(leaking),
         }
-        return self._likeliest(odds, _sum(intact[:, :, self._sound_offset]))
+        is_sound = np.abs(offset) <= self._config.offset_sound_phi
+        return self._likeliest(odds, _sum(intact[:, :, is_sound]))
 
     def _likeliest(self, each: dict[str, float], sound: float) -> Claim:
         """Return how the evidence stands for the likeliest fault, and which are as likely."""
@@ -221,17 +214,11 @@ class CatalystRule:
         odds = float(each[name] - sound)
         return claim_of(odds, name, self._odds, also) if self.segments else Claim(log_odds=odds)
 
-    def capacity(self) -> Capacity | None:
-        """Return the estimated capacity, None before any evidence."""
-        if not self.segments:
-            return None
-        if self._capacity is None:
-            own, *without = np.log(
-                [np.maximum(self._weights(1, each), SMALLEST) for each in self._evidences]
-            )
-            shared = self._config.capacity_model
-            self._capacity = self._curve.estimate(own, np.array(without), shared)
-        return self._capacity
+    def capacity(self) -> Capacity:
+        """Return the estimated capacity; before any evidence it says nothing."""
+        weights = [np.maximum(self._weights(1, each), SMALLEST) for each in self._evidences]
+        own, *without = np.log(weights)
+        return self._curve.estimate(own, np.array(without), self._config.capacity_model)
 
     @property
     def _evidences(self) -> list[FloatArray]:
@@ -239,36 +226,32 @@ class CatalystRule:
         whole = self._parts.sum(axis=0)
         return [self._evidence, *(whole - part for part in self._parts)]
 
-    def _weights(self, axis: int, evidence: FloatArray | None = None) -> FloatArray:
+    def _weights(self, axis: int, evidence: FloatArray) -> FloatArray:
         """Return how likely each sensor (axis 0), capacity (1) or offset (2) is; the sum is 1."""
-        known = self._evidence if evidence is None else evidence
-        total = self._config.interval_weight * self._restricted(known)
+        total = self._config.interval_weight * self._restricted(evidence)
         weight = np.exp(total - total.max()).sum(axis=tuple({0, 1, 2} - {axis}))
         return np.asarray(weight / weight.sum())
 
     def sensor_lags(self) -> dict[str, float]:
         """Return the expected lag and dead time of the downstream sensor in s, by edge."""
-        weight, sensors = self._weights(0), self._bank.sensors
+        weight, sensors = self._weights(0, self._evidence), self._bank.sensors
         to_rich = [s.tau_to_rich_s + s.delay_s * (s.direction >= 0) for s in sensors]
         to_lean = [s.tau_to_lean_s + s.delay_s * (s.direction <= 0) for s in sensors]
         return {"lean_to_rich": float(weight @ to_rich), "rich_to_lean": float(weight @ to_lean)}
 
-    def offset(self) -> float:
-        """Return the addend of the balance to upstream x, in phi."""
-        return float(self._weights(2) @ self._bank.offset)
+    def offset(self) -> tuple[float, float]:
+        """Return the addend of the balance to upstream x, and its standard error, in phi.
 
-    def offset_std(self) -> float:
-        """Return the standard error of ``offset``, in phi.
-
-        It comes from the spread: the drive's stretches are dealt into parts, and the offset is
-        estimated without each part in turn (the jackknife; Efron and Tibshirani, An Introduction to
-        the Bootstrap, chapter 11). To that comes the width of what the evidence allows, since the
-        errors of the model repeat in every part.
+        The error comes from the spread: the drive's stretches are dealt into parts, and the offset
+        is estimated without each part in turn (the jackknife; Efron and Tibshirani, An Introduction
+        to the Bootstrap, chapter 11). To that comes the width of what the evidence allows, since
+        the errors of the model repeat in every part.
         """
         own = np.array([self._weights(2, each) for each in self._evidences])
-        means = own @ self._bank.offset
-        width = float(own[0] @ (self._bank.offset - means[0]) ** 2)
-        return math.sqrt(jackknife(means[1:]) ** 2 + width + self._config.offset_model_phi**2)
+        mean, *without = own @ self._bank.offset
+        width = own[0] @ (self._bank.offset - mean) ** 2
+        spread = jackknife(np.array(without))
+        return float(mean), math.sqrt(spread**2 + width + self._config.offset_model_phi**2)
 
 
 def _sum(log_weights: FloatArray) -> float:

@@ -43,9 +43,8 @@ class BehindResult(NamedTuple):
 
 def rule_results(at: int, rule: CatalystRule, config: CatalystConfig) -> Iterator[BehindResult]:
     """Yield how the evidence of each test stands at the end of a segment."""
-    capacity = rule.capacity()
-    grams = capacity.grams if capacity else None
-    measured = tuple(_estimates(rule, config))
+    grams = rule.capacity().grams
+    measured = tuple(_estimates(rule, grams, config))
     yield BehindResult(at, "catalyst", rule.catalyst(), grams, measured)
     yield BehindResult(at, "downstream", rule.sensor(), grams)
     for test, claim in _of_balance(rule.balance()):
@@ -71,12 +70,9 @@ def _of_balance(claim: Opinion) -> Iterator[tuple[str, Opinion]]:
         yield "bias", replace(claim, also=())
 
 
-def _estimates(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResult]:
+def _estimates(rule: CatalystRule, grams: float, config: CatalystConfig) -> Iterator[TestResult]:
     """Yield the estimates of capacity and downstream sensor so far, with their limits."""
-    capacity, threshold_g = rule.capacity(), config.threshold_g
-    if capacity is None:
-        return
-    grams, most_g = capacity.grams, config.capacities_g[-1]
+    threshold_g, most_g = config.threshold_g, config.capacities_g[-1]
     yield TestResult("catalyst", "capacity_g", grams, threshold_g, most_g)
     most = most_g / threshold_g
     yield TestResult("catalyst", "capacity_over_threshold", grams / threshold_g, 1.0, most)
@@ -87,7 +83,7 @@ def _estimates(rule: CatalystRule, config: CatalystConfig) -> Iterator[TestResul
     yield TestResult("downstream", "least_v", rule.low_v, config.circuit_low_v, config.lean_v)
     yield TestResult("downstream", "most_v", rule.high_v, config.rich_v, config.circuit_high_v)
     sound = config.offset_sound_phi
-    yield TestResult("balance", "upstream_offset_phi", -rule.offset(), -sound, sound)
+    yield TestResult("balance", "upstream_offset_phi", -rule.offset()[0], -sound, sound)
 
 
 class CatalystMonitor:
@@ -105,7 +101,6 @@ class CatalystMonitor:
         self._brick, self._duty = at.get("catalyst_temperature_degc"), at.get(DUTY)
         self._wide = at.get(WIDE)
         self._sensor, self._is_wide = 0, False  # column of the downstream sensor that is heard
-        self.circuit = RearCircuit(settings, period_s)
         self._period_s = period_s
         self._n_hold = round(self._config.hold_s / period_s)
         self._n_warm_up = round(self._config.warm_up_s / period_s)
@@ -115,12 +110,11 @@ class CatalystMonitor:
     def reset(self) -> None:
         """Begin as after switching on."""
         if self.rule is not None:
-            self.rule.reset()
-        self.circuit.reset()
+            self.rule = self._rule_of(self._sensor)
+        self.circuit = RearCircuit(self._settings, self._period_s)
         self._last = [math.nan] * len(NEEDED)
         self._missing = 0  # samples in a row with a value missing
         self._running = 0  # samples with the engine running
-        self._is_lost = True  # the filling of the catalyst is not known
 
     def push(self, values: FloatArray, running: BoolArray) -> Iterator[BehindResult]:
         """Yield the verdicts that samples allow; all of them must be taken.
@@ -161,23 +155,18 @@ class CatalystMonitor:
             running=self._running if runs else 0,
             duty_percent=math.nan if self._duty is None else sample[self._duty],
         ):
-            yield BehindResult(k, test, found, results=self._wake())
+            wake_s, most_s = self.circuit.wake_s, self._config.wake_most_s  # from a cold start
+            woke = (TestResult(HEATER, "wake_s", wake_s, 0.0, most_s),) if wake_s else ()
+            yield BehindResult(k, test, found, results=woke)
         if self._missing > self._n_hold or not all(map(math.isfinite, held)):
-            if not self._is_lost:
-                self.rule.interrupt()
-            self._is_lost = True
+            self.rule.interrupt()
             return
-        self._is_lost, air_g_s = False, held[2] / KG_H_PER_G_S
+        air_g_s = held[2] / KG_H_PER_G_S
         counts = runs and is_complete and self._is_warm(sample) and not self.circuit.is_doubtful
         counts = counts and air_g_s <= self._config.flow_most_g_s
         x = self._entering(_x_of(held[1]), _x_of(before[1]))
         if self.rule.push(x, air_g_s, held[0], counts=counts):
             yield from rule_results(k, self.rule, self._config)
-
-    def _wake(self) -> tuple[TestResult, ...]:
-        """Return after how long the downstream sensor woke from a cold start, if it did."""
-        wake_s, most_s = self.circuit.wake_s, self._config.wake_most_s
-        return () if wake_s is None else (TestResult(HEATER, "wake_s", wake_s, 0.0, most_s),)
 
     def _entering(self, x: float, before: float) -> float:
         """Return x of the gas that the upstream sensor follows with its lag.
@@ -208,7 +197,8 @@ class CatalystMonitor:
         """Return the report's entry of the catalyst, None without a downstream sensor."""
         if self.rule is None:
             return None
-        rule, capacity = self.rule, self.rule.capacity()
+        rule, (offset, offset_std) = self.rule, self.rule.offset()
+        capacity = rule.capacity() if rule.segments else None
         claims = {"": rule.catalyst(), "sensor_": rule.sensor(), "balance_": rule.balance()}
         is_bound = capacity is not None and capacity.is_bound
         found: dict[str, Any] = {
@@ -222,8 +212,8 @@ class CatalystMonitor:
         for of, claim in claims.items():
             found |= {f"{of}verdict": claim.outcome, f"{of}log_odds": round(claim.log_odds, 3)}
         return found | {
-            "upstream_offset_lambda": round(-rule.offset(), 5),
-            "upstream_offset_std": round(rule.offset_std(), 5),
+            "upstream_offset_lambda": round(-offset, 5),
+            "upstream_offset_std": round(offset_std, 5),
             "needed": round(self._settings.response.evidence_fail, 3),
         }
 

@@ -8,11 +8,11 @@ from typing import Final
 
 from monitor.base.config import Config
 from monitor.base.counts import counted, duration, plain
-from monitor.base.signals import BY_NAME
+from monitor.base.signals import BY_NAME, unit_of
 from monitor.base.types import Quality
 from monitor.judge import enable
-from monitor.judge.causes.liveness import DEAD, dead_at_end
-from monitor.judge.causes.observation import Observation
+from monitor.judge.causes.observation import DEAD, Observation, dead_at_end
+from monitor.judge.electrical.plausibility import ENGINE
 from monitor.judge.enable import CONDITIONS
 from monitor.judge.limits import Limits
 from monitor.judge.trust import UNKNOWN
@@ -20,9 +20,11 @@ from monitor.model.card import ModelCard
 
 MOST: Final = 3  # conditions that are named
 ENOUGH_WINDOWS: Final = 6  # from so many on, more of them alone do not help
-HALF: Final = 0.5
+PINNED: Final = (
+    "the sensor's reading stands at an end of its range in {}: cold, broken, or in a fuel cut that "
+    "the log does not tell; log fuel_cut or the pulse width"
+)
 CONTROLLER: Final = "lambda_controller"
-ENGINE: Final = "engine_speed_rpm"
 HELD_ENOUGH: Final = 0.9  # a condition that held for this share kept no drive from its verdict
 
 
@@ -79,8 +81,6 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
 
     judgement : of the tests; without it only signals and conditions are looked at
     """
-    if not seen.samples:
-        return [Cause("samples", 0.0, None, "empty", "the recording holds no sample")]
     settles = enable.settings_for(asked.config.enable, asked.card).model_settle_samples
     needed = settles + asked.config.window.n_samples
     if seen.samples < needed:
@@ -105,7 +105,11 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
         evidence = _evidence(seen, asked, judgement)
         found = [*grave, *evidence] if grave else [*evidence, *found]
-    return [*found, *_dead(seen, asked)]
+    if (reason := dead_at_end(seen, asked.card, asked.config, asked.limits)) is not None:
+        name = asked.card.output.name
+        advice = f"{name} {DEAD[reason]} when the recording ended: check the sensor, record further"
+        found.append(Cause("sensor_alive", None, name, reason, advice))
+    return found
 
 
 def _is_grave(cause: Cause) -> bool:
@@ -114,7 +118,7 @@ def _is_grave(cause: Cause) -> bool:
     Good signals of an ordinary drive keep a quarter of its samples from being judged.
     """
     is_of_driving = cause.reason in ("below", "above", "interrupted", "untrained", "pinned")
-    return not is_of_driving or cause.held_share is None or cause.held_share < HALF
+    return not is_of_driving or cause.held_share is None or cause.held_share < 0.5
 
 
 def _blocked(seen: Observation, asked: Asked) -> list[Cause]:
@@ -135,39 +139,35 @@ def _of_condition(condition: str, share: float, seen: Observation, asked: Asked)
     output = asked.card.output.name
     worst = min(asked.card.input_names, key=lambda name: seen.of(name, Quality.GOOD))
     signal = output if condition == "measured_valid" else enable.BY_NAME[condition].signal or worst
+    told = None
     if condition == "trained_range":
         beside = {name: sum(each) for name, (*each, _) in seen.outside(condition).items()}
         most, pinned = max(beside.values()), seen.of(output, Quality.PINNED)
         if pinned > most:
-            advice = (
-                f"the sensor's reading stands at an end of its range in {_share(pinned, seen)}: "
-                "cold, broken, or in a fuel cut that the log does not tell; log fuel_cut or the "
-                "pulse width"
-            )
-            return Cause(condition, round(share, 6), output, "pinned", advice)
-        if most:  # else it is NaN, which is outside, too
+            signal, told = output, ("pinned", PINNED.format(_share(pinned, seen)))
+        elif most:  # else it is NaN, which is outside, too
             signal = max(beside, key=lambda name: beside[name])
-    return Cause(condition, round(share, 6), signal, *_of_signal(condition, signal, seen, asked))
+    reason, advice = told or _of_signal(condition, signal, seen, asked)
+    return Cause(condition, round(share, 6), signal, reason, advice)
 
 
 def _of_signal(condition: str, signal: str, seen: Observation, asked: Asked) -> tuple[str, str]:
     """Return reason and advice for the signal of a condition that did not hold."""
     below, above, limits = seen.outside(condition).get(signal, (0, 0, None))
-    beside = below + above
+    beside, remedy = below + above, enable.BY_NAME[condition].remedy
     bad = _bad(signal, seen, asked)
     if bad is not None and seen.samples - seen.of(signal, Quality.GOOD) >= beside:
         return bad
     if seen.is_constant(signal) and beside:
         return "constant", _constant(signal, seen, asked)
-    remedy = enable.BY_NAME[condition].remedy
     if limits is None or not beside:
         return "interrupted", remedy or f"{signal} is interrupted again and again"
-    reason = side = "below" if below >= above else "above"
-    limit = f"{plain(limits.low if below >= above else limits.high)}{_unit(signal)}"
+    side, limit = ("below", limits.low) if below >= above else ("above", limits.high)
+    said = f"{signal} is {side} {plain(limit)}{_unit(signal)} in {_share(beside, seen)}"
     if condition == "trained_range":
-        reason = "untrained"
         remedy = "outside the model's training; check its unit, or train on such drives"
-    return reason, f"{signal} is {side} {limit} in {_share(beside, seen)}: {remedy}"
+        return "untrained", f"{said}: {remedy}"
+    return side, f"{said}: {remedy}"
 
 
 def _bad(signal: str, seen: Observation, asked: Asked) -> tuple[str, str] | None:
@@ -178,23 +178,19 @@ def _bad(signal: str, seen: Observation, asked: Asked) -> tuple[str, str] | None
         text = f"{signal} never came ({source.place}): correct the map, or leave the signal out"
         return "never_seen", text
     gaps = seen.of(signal, Quality.GAP) - seen.quality[Quality.GAP].min().item()  # its own
-    kinds = {
-        "stale": stale,
-        "invalid": seen.of(signal, Quality.INVALID) + gaps,
-        "out_of_range": seen.of(signal, Quality.OUT_OF_RANGE),
-    }
-    reason = max(kinds, key=lambda name: kinds[name])
-    if not kinds[reason]:
+    invalid, wild = seen.of(signal, Quality.INVALID) + gaps, seen.of(signal, Quality.OUT_OF_RANGE)
+    most = max(stale, invalid, wild)
+    share = _share(most, seen)
+    if not most:
         return None
-    if reason == "stale":
-        return reason, _stale(signal, stale, source, seen)
-    share = _share(kinds[reason], seen)
-    if reason == "invalid":
-        return reason, f"{signal} has no value in {share} ({source.place}): check sensor and map"
+    if most == stale:
+        return "stale", f"{signal} is stale in {share}: {_stale(signal, stale, source, seen)}"
+    if most == invalid:
+        return "invalid", f"{signal} has no value in {share} ({source.place}): check sensor and map"
     limits = BY_NAME.get(signal)
     within = f", {limits.minimum:g} to {limits.maximum:g} {limits.unit} is" if limits else ""
     remedy = f"check unit, factor and offset ({source.place})"
-    return reason, f"{signal} is not plausible in {share}{within}: {remedy}"
+    return "out_of_range", f"{signal} is not plausible in {share}{within}: {remedy}"
 
 
 def _share(count: int, seen: Observation) -> str:
@@ -202,18 +198,14 @@ def _share(count: int, seen: Observation) -> str:
 
 
 def _stale(signal: str, stale: int, source: SignalSource, seen: Observation) -> str:
-    """Return the advice for a signal whose values come too seldom or stopped."""
+    """Return how seldom the values come, or since when they came no longer."""
     n = max(int(seen.stale_runs[seen.names.index(signal)]), 1)
-    share = _share(stale, seen)
     held_s = source.timeout_s or 0.0
     age_s = held_s + stale / n * seen.period_s
     if n == 1 or source.timeout_s is None:
-        return f"{signal} is stale in {share}: no value for {plain(age_s)} s ({source.place})"
-    return (
-        f"{signal} is stale in {share}: its values come about {plain(age_s, 2)} s apart, "
-        "timeout_s is "
-        f"{held_s:g} s ({source.place}); set timeout_s = {timeout_of(age_s):g} in the map"
-    )
+        return f"no value for {plain(age_s)} s ({source.place})"
+    said = f"its values come about {plain(age_s, 2)} s apart, timeout_s is {held_s:g} s"
+    return f"{said} ({source.place}); set timeout_s = {timeout_of(age_s):g} in the map"
 
 
 def timeout_of(interval_s: float) -> float:
@@ -259,7 +251,6 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
         advice = f"{said}: train on more drives, unlike each other"
         return [Cause(blind[0], None, None, "model", advice)]
     n, excited = judgement.windows, judgement.excited
-    tests = ", ".join(judgement.unfinished)
     had = f"{duration(seen.enabled * seen.period_s)} could be judged"
     if "response" in judgement.unfinished and n:
         moved = f"in {excited} of {n} windows the prediction moves clearly"
@@ -269,18 +260,9 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
         advice = f"{had}, {moved}: drive {more} like this; with {quicker} less is enough"
         reason = "not_excited" if excited < n / 2 else "undecided"
         return [Cause("evidence", round(excited / n, 6), None, reason, advice)]
+    tests = ", ".join(judgement.unfinished)
     advice = f"{had}, without a decision of {tests}: record a longer drive"
     return [Cause(judgement.unfinished[0], None, None, "undecided", advice)]
-
-
-def _dead(seen: Observation, asked: Asked) -> list[Cause]:
-    """Return the cause of a sensor that was not alive when the recording ended."""
-    reason = dead_at_end(seen, asked.card, asked.config, asked.limits)
-    if reason is None:
-        return []
-    name, words = asked.card.output.name, DEAD[reason]
-    advice = f"{name} {words} when the recording ended: check the sensor, record further"
-    return [Cause("sensor_alive", None, name, reason, advice)]
 
 
 def _place(signal: str, asked: Asked) -> str:
@@ -288,5 +270,5 @@ def _place(signal: str, asked: Asked) -> str:
 
 
 def _unit(signal: str) -> str:
-    unit = BY_NAME[signal].unit if signal in BY_NAME else "-"
-    return "" if unit == "-" else f" {unit}"
+    unit = unit_of(signal)
+    return "" if unit in ("", "-") else f" {unit}"

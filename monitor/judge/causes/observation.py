@@ -1,14 +1,39 @@
-"""Counts over a recording: how often each condition held, and in which state each signal was."""
+"""Counts over a recording: how often each condition held, and in which state each signal was.
+
+The last samples tell whether the sensor was alive at its end: a test that passed early says nothing
+of a sensor that dies later, and a fault needs a few seconds until it sets a code.
+"""
 
 from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from monitor.base.config import PlausibilityConfig
+from monitor.base.config import Config, PlausibilityConfig
 from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, QualityArray
+from monitor.judge.electrical.plausibility import ENGINE, READY
 from monitor.judge.enable import CONDITIONS, Enable, Range
+from monitor.judge.limits import Limits
+from monitor.model.card import ModelCard
 
 _BATCH = 2048  # samples that are counted together; a live sample alone would cost more
+DEAD: Final = {  # in words
+    "stale": "came no longer",
+    "invalid": "had no value",
+    "out_of_range": "was out of range",
+    "not_ready": "was not ready",
+    "frozen": "did not move any more",
+    "pegged": "stood at the end of its range",
+}
+_OF_QUALITY: Final = {  # any other is told by its name
+    Quality.GOOD: "not_ready",
+    Quality.OFF_BUS: "stale",
+    Quality.GAP: "invalid",  # the log left it out
+    Quality.PINNED: "pegged",
+}
+_VALID: Final = CONDITIONS.index("measured_valid")
+_RECOVERED: Final = CONDITIONS.index("fuel_cut_recovered")
 
 
 class Observation:
@@ -35,10 +60,8 @@ class Observation:
         self.above: IntArray = np.zeros(n_ranges, dtype=np.int64)
         self.stale_runs: IntArray = np.zeros(n, dtype=np.int64)  # times that it went stale
         self._was_silent = np.zeros(n, dtype=np.bool_)
-        # the last samples, (n_end, …)
-        self.end_values: FloatArray = np.empty((0, n))
-        self.end_quality: QualityArray = np.empty((0, n), dtype=np.uint8)
-        self.end_conditions: BoolArray = np.empty((0, len(CONDITIONS)), dtype=np.bool_)
+        # values, quality and conditions of the last samples, (n_end, …); none before the first
+        self.end: tuple[NDArray[Any], ...] = ()
         self._waiting: list[tuple[FloatArray, QualityArray, BoolArray]] = []
         self._n_waiting = 0
 
@@ -88,8 +111,47 @@ class Observation:
         before = np.vstack([self._was_silent, silent[:-1]])
         self.stale_runs += np.count_nonzero(silent & ~before, axis=0)
         self._was_silent = silent[-1].copy()
-        n = self._n_end
-        self.end_values = np.concatenate([self.end_values, values[-n:]])[-n:]
-        self.end_quality = np.concatenate([self.end_quality, quality[-n:]])[-n:]
-        self.end_conditions = np.concatenate([self.end_conditions, conditions[-n:]])[-n:]
+        blocks = [self.end] * bool(self.end) + [(values, quality, conditions)]
+        self.end = tuple(np.concatenate(each)[-self._n_end :] for each in zip(*blocks, strict=True))
         return self
+
+
+def dead_at_end(
+    seen: Observation, card: ModelCard, config: Config, limits: Limits | None
+) -> str | None:
+    """Return how the sensor was dead when the recording ended, a key of DEAD; None if it was alive.
+
+    limits : with which the recording was judged
+    A sensor need not be alive while the engine stands. It was dead if it gave no usable value in
+    the last samples, or if its last values are all alike. In a fuel cut a healthy sensor stands
+    still at the end of its range. Where a reading may stand still for longer than the last values
+    last, they say nothing.
+    """
+    own, output = config.plausibility, card.output
+    silent, still = (round(s / seen.period_s) for s in (own.end_s, own.stuck_s))
+    values, qualities, conditions = seen.end
+    read = dict(zip(seen.names, values.T, strict=True))
+    measured, quality = read[output.name], qualities[:, seen.names.index(output.name)]
+    burning = conditions[:, _RECOVERED]
+    # a speed that is no longer known holds on; one not known at all belongs to an ECU that sleeps,
+    # for awake, its silence would have set a code
+    speed_rpm = read.get(ENGINE, np.full(len(values), np.inf))
+    known = np.maximum.accumulate(np.where(np.isnan(speed_rpm), 0, np.arange(len(values))))
+    running = speed_rpm[known] >= own.engine_running_rpm
+    gone = quality != Quality.GOOD  # in a fuel cut a pinned reading is the right one
+    gone &= (quality != Quality.PINNED) | burning
+    if READY in read:
+        gone |= read[READY] <= 0.0
+    n = max(silent, 1)
+    if len(values) >= n and (gone & running)[-n:].all():
+        last = Quality(quality.item(-1))
+        return _OF_QUALITY.get(last, last.name.lower())
+    n = max(still, 2)
+    may_stand = limits is not None and limits.still_s > 0.0
+    moves = np.ptp(measured[-n:]) > own.stuck_range
+    is_valid = len(values) >= n and (conditions[:, _VALID] & running)[-n:].all()
+    if moves or may_stand or not is_valid:
+        return None
+    if measured[-1] < output.maximum:
+        return "frozen"
+    return "pegged" if np.count_nonzero(burning[-n:]) >= max(silent, 2) else None

@@ -14,12 +14,13 @@ from monitor.judge.bias import Bias, BiasRule, paper_failed
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER
 from monitor.judge.counters import Counters
 from monitor.judge.decision.plugins import Rule, RuleClass, opinion
-from monitor.judge.decision.window_facts import WindowFacts
+from monitor.judge.decision.window_facts import Facts, WindowFacts
 from monitor.judge.electrical.plausibility import TickResult
-from monitor.judge.findings import Change, CutJudged, Facts, RuleOff, WindowEstimates, WindowJudged
+from monitor.judge.findings import Change, CutJudged, RuleOff, WindowJudged
 from monitor.judge.limits import Limits
+from monitor.judge.response.bank import EDGES
 from monitor.judge.response.movement import Moved
-from monitor.judge.response.rule import EDGES, Response
+from monitor.judge.response.rule import Response
 from monitor.judge.trust import OF_MODEL
 from monitor.judge.window import Opinion, Window
 from monitor.memory.codes import OF_VEHICLE
@@ -30,6 +31,7 @@ from monitor.model.card import ModelCard
 
 Finding = TypeVar("Finding", Response, Bias)
 CIRCUIT_TESTS: Final = (CIRCUIT, HEATER)
+CLEARLY: Final = 2.0  # healthy residuals by which a prediction moves; it decides nothing
 
 
 class Decisions:
@@ -54,13 +56,7 @@ class Decisions:
         self._may_be_dead = False
         # a drive has one fuel; the offsets of other outputs have no known bound
         step_most = config.bias.fuel_span_lambda if card.transform == "phi" else math.inf
-        self._bias = BiasRule(
-            config.bias,
-            low=limits.offset_low,
-            high=limits.offset_high,
-            window_std=limits.offset_std,
-            step_most=step_most,
-        )
+        self._bias = BiasRule(config.bias, limits, step_most)
         self._rules: dict[str, Rule | RuleClass] = dict(rules)  # a class until its first window
         self._counters = Counters((*OF_VEHICLE, *rules), config, store)
         self._blind = {test for test in OF_MODEL if limits.trust.is_blind(test)}
@@ -104,26 +100,30 @@ class Decisions:
             return ()
         return counters.take(test, claim, t_ns, at_once=True)
 
-    def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | Change]:
-        """Take a full window; yield its verdict, then the codes that it changes."""
-        response = self._told(self._unless_dead(facts.response, facts.moved))
+    def window(self, window: Window, facts: Facts) -> Iterator[WindowJudged | CutJudged | Change]:
+        """Take a full window; yield its verdict, then the codes that it changes.
+
+        A window around a fuel cut tells of the response alone.
+        """
+        response = self._told("response", self._unless_dead(facts.response, facts.moved))
+        if window.is_cut:
+            found = response.outcome, response.fault, response.statistics
+            yield CutJudged(window, facts.std, *found)
+            yield from self._counted("response", response, window)
+            return
         ignore = facts.no_evidence or self._may_be_dead
-        bias = self._told(self._bias.judge(facts.offset, ignore=ignore))
-        judged = self._judged(window, facts, response, bias)
-        yield judged
+        bias = self._told("bias", self._bias.judge(facts.offset, ignore=ignore))
+        yield self._judged(window, facts, response, bias)
         self.store.report(self._results(response, bias))
-        self._suspicious |= judged.outcome == "failed"
-        yield from self._counters.take("response", response, window.t_end_ns)
+        yield from self._counted("response", response, window)
         if not self._by_balance:
-            yield from self._counters.take("bias", bias, window.t_end_ns)
+            yield from self._counted("bias", bias, window)
         yield from self._by_plugins(window)
 
-    def cut(self, window: Window, facts: Facts) -> Iterator[CutJudged | Change]:
-        """Take a full window around a fuel cut; yield its verdict, then the codes it changes."""
-        response = self._told(self._unless_dead(facts.response, facts.moved))
-        yield CutJudged(window, facts.std, response.outcome, response.fault, response.statistics)
-        self._suspicious |= response.outcome == "failed"
-        yield from self._counters.take("response", response, window.t_end_ns)
+    def _counted(self, test: str, found: Opinion, window: Window) -> Sequence[Change]:
+        """Count a test's finding on a window; return the codes that it changes."""
+        self._suspicious |= found.outcome == "failed"
+        return self._counters.take(test, found, window.t_end_ns)
 
     @property
     def seen(self) -> Seen | None:
@@ -145,8 +145,7 @@ class Decisions:
                 del self._rules[test]
                 yield RuleOff(window.t_end_ns, f"the rule {error}; it is switched off")
                 continue
-            self._suspicious |= said.outcome == "failed"
-            yield from self._counters.take(test, said, window.t_end_ns)
+            yield from self._counted(test, said, window)
 
     def _unless_dead(self, response: Response, moved: Moved) -> Response:
         """Return the response rule's finding, unless the reading may not move at all."""
@@ -158,10 +157,9 @@ class Decisions:
             return replace(response, outcome="inconclusive", fault=None, also=())
         return response
 
-    def _told(self, found: Finding) -> Finding:
+    def _told(self, test: str, found: Finding) -> Finding:
         """Return a finding, unless the model mistakes its errors for it or excludes no fault."""
         is_own = found.outcome == "failed" and found.fault in self._limits.trust.untold
-        test = "response" if isinstance(found, Response) else "bias"
         if is_own or (found.outcome == "passed" and test in self._blind):
             return replace(found, outcome="inconclusive", fault=None, also=())
         return found
@@ -178,8 +176,10 @@ class Decisions:
             outcome=verdict.outcome,
             fault=verdict.fault,
             also=verdict.also,
-            excited=found.excitation >= limits.excitation,
-            statistics=WindowEstimates(found, bias, facts.moved),
+            excited=found.excitation >= CLEARLY * limits.noise,
+            response=found,
+            bias=bias,
+            moved=facts.moved,
         )
 
     def _results(self, response: Response, bias: Bias) -> list[TestResult]:

@@ -6,7 +6,7 @@ one driving cycle; its opinions pass through the same debounce as those of the r
 set codes of the manufacturer's range.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from typing import ClassVar, Final, Protocol, get_args
 
@@ -30,16 +30,12 @@ class Rule(Protocol):
 RuleClass = type[Rule]
 
 
-def loaded(names: Iterable[str]) -> dict[str, RuleClass]:
-    """Return the classes of rules by name, with their faults known to the fault memory.
+@cache
+def loaded(name: str) -> RuleClass:
+    """Return a rule's class, with its faults known to the fault memory.
 
     Raises ConfigError if there is no such rule or it cannot be used.
     """
-    return {name: _load(name) for name in names}
-
-
-@cache
-def _load(name: str) -> RuleClass:
     from importlib.metadata import entry_points  # noqa: PLC0415 - slow, and few have plug-ins
 
     points = {point.name: point for point in entry_points(group=GROUP)}

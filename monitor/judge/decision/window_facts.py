@@ -4,22 +4,39 @@ import math
 from collections.abc import Sequence
 from itertools import groupby
 from operator import attrgetter
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.config import Config
 from monitor.base.types import FloatArray
-from monitor.judge.findings import Evidence, Facts
 from monitor.judge.limits import Limits
-from monitor.judge.residual import lambda_of
-from monitor.judge.response.movement import MovementRule
+from monitor.judge.response.movement import Moved, MovementRule
 from monitor.judge.response.rule import Response, ResponseRule
-from monitor.judge.window import Window
+from monitor.judge.window import Window, lambda_of
 from monitor.memory.codes import CODES
 from monitor.model.card import ModelCard
 
 LAMBDA_LEAST: Final = 0.1  # what stays of a measurement whose offset is taken off
+
+
+class Facts(NamedTuple):
+    """The findings of a window, before a decision."""
+
+    mean: float  # of the residual, output's unit; around fuel cuts oriented like phi
+    std: float
+    no_evidence: bool  # the measurement does not move
+    offset: float  # mean of the measurement against the likeliest sensor, output's unit
+    response: Response
+    moved: Moved
+
+
+class Evidence(NamedTuple):
+    """How far the response test is from a decision about one fault."""
+
+    log_odds: float  # of the fault over all that is no fault
+    needed: float  # log odds, or their negative where they are below 0, that decide
+    seconds_to_decision: float | None  # of enabled driving like that so far, None if it shows none
 
 
 class WindowFacts:
@@ -27,8 +44,7 @@ class WindowFacts:
 
     def __init__(self, limits: Limits, config: Config, card: ModelCard) -> None:
         self._transform, period_s = card.transform, card.period_ns * 1e-9
-        self._range_end = end = card.output.maximum
-        self._end = end if limits.still_end_s else math.inf  # where a healthy reading stands still
+        self._range_end = card.output.maximum
         self._config = config.response
         self._stuck_range = config.plausibility.stuck_range
         self._window_s = config.window.n_samples * period_s
@@ -76,15 +92,11 @@ class WindowFacts:
         low, high = measured.min(axis=1), measured.max(axis=1)
         ignore = high - low <= self._stuck_range  # it stands still: for the activity test
         responses = self.response.judge(phi, banks, ignore)
-        if is_cut:
-            self._n_cuts += int(np.count_nonzero(~ignore))
-            at_end = low >= self._range_end - self._stuck_range  # in air
-            no_evidence, offset = np.zeros(len(windows), dtype=np.bool_), np.zeros(len(windows))
-        else:
-            at_end = high >= self._end
-            no_evidence, offset = ignore, self._offset(measured, banks, responses)
-        moved = self._movement.judge(phi, healthy, ignore | at_end, is_cut=is_cut)
-        each = residual.mean(axis=1), residual.std(axis=1), no_evidence, offset
+        self._n_cuts += is_cut * int(np.count_nonzero(~ignore))
+        offset = np.zeros(len(windows)) if is_cut else self._offset(measured, banks, responses)
+        in_air = is_cut & (low >= self._range_end - self._stuck_range)
+        moved = self._movement.judge(phi, healthy, ignore | in_air, is_cut=is_cut)
+        each = residual.mean(axis=1), residual.std(axis=1), ignore, offset
         return list(map(Facts, *(column.tolist() for column in each), responses, moved))
 
     def _offset(

@@ -1,19 +1,20 @@
-"""Tests that need no model: the signal is missing, implausible, not ready or frozen."""
+"""Tests of each sample that need no model: the signal is missing, implausible or not ready.
+
+A sensor that is not heated reads a constant. Where no signal says whether it is ready, nobody knows
+whether it is cold or dead until its reading has moved since the engine's start.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from monitor.base.config import PlausibilityConfig
 from monitor.base.runs import alike
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
-from monitor.judge.electrical.readiness import DUTY, ENGINE, READY
-from monitor.model.card import Channel
 
-STRETCHES_OF_A_CODE: Final = 2  # in which the reading stands still; see response_fail
+DUTY, ENGINE, READY = "sensor_heater_percent", "engine_speed_rpm", "sensor_ready"
 _UNKNOWN, _NO, _, _YES = range(4)  # of a signal: it is not valid, below its threshold, above it
 _REGULATED, _FULL = 1, 3  # of a heater's duty: below full duty, at it; else not valid or off
 
@@ -32,6 +33,52 @@ class Results(NamedTuple):
     begin: int
     end: int
     result: TickResult
+
+
+class Readiness:
+    """Finds from which sample on a sensor counts as ready.
+
+    names : signals of a sample; with ``sensor_ready`` among them that signal decides, not the
+        reading. Without the engine's speed the engine may stand, so a reading that has not moved
+        for ``first_move_s`` is left to the test of a frozen signal.
+    """
+
+    def __init__(self, config: PlausibilityConfig, names: Sequence[str], period_s: float) -> None:
+        self._is_told, self._knows_engine = READY in names, ENGINE in names
+        self._least, self._patience = config.stuck_range, round(config.first_move_s / period_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start as after switching on."""
+        self._low, self._high = math.inf, -math.inf
+        self._waited = 0
+
+    def push(self, measured: FloatArray, good: BoolArray, running: BoolArray) -> BoolArray:
+        """Return whether the sensor counts as ready, (n,).
+
+        good : (n,) whether the reading is valid and not pinned at an end of its range
+        running : (n,) whether the engine runs
+        """
+        ready = np.ones(len(measured), dtype=np.bool_)
+        if self._is_told:
+            return ready
+        for begin, end, is_running in alike(running):
+            if not is_running:
+                self.reset()
+            elif self._high - self._low <= self._least:
+                ready[begin:end] = self._moved(measured[begin:end], good[begin:end])
+        return ready
+
+    def _moved(self, measured: FloatArray, good: BoolArray) -> BoolArray:
+        """Take samples with a running engine, the reading not moved before."""
+        low = np.minimum(np.minimum.accumulate(np.where(good, measured, np.inf)), self._low)
+        high = np.maximum(np.maximum.accumulate(np.where(good, measured, -np.inf)), self._high)
+        self._low, self._high = low[-1].item(), high[-1].item()
+        moved = high - low > self._least
+        if not self._knows_engine:
+            moved |= self._waited + np.arange(1, len(measured) + 1) > self._patience
+            self._waited += len(measured)
+        return np.asarray(moved)
 
 
 class Plausibility:
@@ -166,129 +213,3 @@ class Plausibility:
         if self._speed is None:
             return np.ones(len(values), dtype=np.bool_)
         return values[:, self._speed] >= self._running_rpm
-
-
-class Maturing:
-    """Finds the samples at which so many alike results of a test in a row mature.
-
-    failed, passed : how many failed, and how many passed, results mature
-    """
-
-    def __init__(self, failed: int, passed: int) -> None:
-        self._needed = {True: failed, False: passed}
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin every row anew."""
-        self._rows: dict[str, tuple[bool, int]] = {}  # failed, and how many in a row
-
-    def push(self, results: Sequence[Results]) -> list[tuple[int, TickResult]]:
-        """Return sample and result where a row matures; rows go on from block to block."""
-        found = []
-        for begin, end, result in results:
-            failed, count = self._rows.get(result.test, (result.failed, 0))
-            count = count if failed is result.failed else 0
-            needed = self._needed[result.failed]
-            if count < needed <= count + end - begin:
-                found.append((begin + needed - count - 1, result))
-            self._rows[result.test] = result.failed, count + end - begin
-        return found
-
-
-class ActivityTest:
-    """Finds a frozen signal: no change over so many samples though the engine burns fuel.
-
-    Where nothing says whether the fuel is cut, a sensor may stand still at the highest output that
-    training saw for as long as a fuel cut lasts. Where nothing says whether the engine runs, a
-    healthy sensor may stand still at its lowest reading, heater and engine off, if it dwelt there
-    in training.
-
-    output : of the model; names : of the signals of a sample
-    still_s : time for which this car's healthy reading may stand still, if longer than usual
-    still_end_s : the same at the highest output
-    """
-
-    def __init__(
-        self,
-        config: PlausibilityConfig,
-        output: Channel,
-        names: Sequence[str],
-        period_s: float,
-        still_s: float = 0.0,
-        still_end_s: float = 0.0,
-    ) -> None:
-        self._config = config
-        dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
-        self._cold = output.minimum if dwelt and not {ENGINE, READY} & set(names) else -math.inf
-        self._saturated = math.inf if "fuel_cut" in names else output.maximum
-        self._n = max(round(max(config.stuck_s, still_s / STRETCHES_OF_A_CODE) / period_s), 2)
-        rest_s = max(config.fuel_cut_most_s, still_end_s)
-        self._cuts = math.ceil(rest_s / (self._n * period_s))
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew."""
-        self._begin()
-        self._rested = 0  # stretches in a row at the end of the range
-
-    def _begin(self) -> None:
-        self._count = 0
-        self._low, self._high = math.inf, -math.inf
-
-    def push(self, measured: FloatArray, active: BoolArray) -> list[tuple[int, TickResult]]:
-        """Return every stretch that is judged, with its last sample.
-
-        measured : (n,)
-        active : (n,) whether the signal must move; any other sample does not count, and begins a
-            stretch anew if the reading moves there
-        """
-        found = []
-        for first, end, is_active in alike(active):
-            if not is_active:
-                self._wait(measured[first:end])
-                continue
-            edges = [first, *range(first + self._n - self._count, end, self._n), end]
-            for begin, stop in pairwise(edges):
-                self._see(measured[begin:stop])
-                self._count += stop - begin
-                if self._count == self._n:
-                    judged = self._judged(measured.item(stop - 1))
-                    self._begin()
-                    if judged is not None:
-                        found.append((stop - 1, judged))
-        return found
-
-    def _wait(self, measured: FloatArray) -> None:
-        """Take readings that need not move."""
-        if self._count:
-            self._see(measured)
-            if not self._is_frozen:
-                self.reset()
-
-    def _see(self, measured: FloatArray) -> None:
-        self._low = np.minimum(self._low, np.minimum.reduce(measured)).item()  # NaN is kept
-        self._high = np.maximum(self._high, np.maximum.reduce(measured)).item()
-
-    @property
-    def _is_frozen(self) -> bool:
-        return self._high - self._low <= self._config.stuck_range
-
-    def is_cold(self, reading: float) -> bool:
-        """Return whether a healthy sensor that is not heated yet may read so."""
-        return reading <= self._cold + self._config.stuck_range
-
-    def is_at_end(self, reading: float) -> bool:
-        """Return whether a healthy sensor may read so in a fuel cut that no signal tells."""
-        return reading >= self._saturated
-
-    def _judged(self, last: float) -> TickResult | None:
-        frozen = self._is_frozen
-        if frozen and self.is_cold(last):
-            return None
-        self._rested = self._rested + 1 if frozen and self.is_at_end(last) else 0
-        if 0 < self._rested <= self._cuts:
-            return None
-        fault = "stuck_lean" if last > 1.0 else "stuck_rich"
-        if abs(last - 1.0) <= self._config.stuck_band_at_one:
-            fault = "stuck_at_one"
-        return TickResult("activity", frozen, fault)

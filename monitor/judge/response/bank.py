@@ -1,20 +1,26 @@
-"""A bank of sensor hypotheses: readings of slow and late sensors of the predicted signal.
+"""A bank of sensor hypotheses, and the claims that are made of them.
 
-The bank works on phi = 1/lambda, for which rising is lean to rich, or on a signal oriented alike.
-It runs many signals side by side, block by block.
+The bank gives the readings of slow and late sensors of the predicted signal; a claim is one of them
+with a range of its gain. The bank works on phi = 1/lambda, for which rising is lean to rich, or on
+a signal oriented alike. It runs many signals side by side, block by block.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cache
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from monitor.base.config import ResponseConfig
+from monitor.base.faults import TRANSIENT_GAIN
 from monitor.base.types import FloatArray
 
-DIRECTIONS = ("rich_to_lean", "lean_to_rich", "symmetric")
+EDGES: Final = ("rich_to_lean", "lean_to_rich")
+DIRECTIONS: Final = (*EDGES, "symmetric")
+# a slow sensor with at least this gain is only slow, with less it is weak, too
+SLOW_LEAST: Final = math.sqrt(TRANSIENT_GAIN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +50,37 @@ def build(config: ResponseConfig) -> tuple[Hypothesis, ...]:
                 for s in grid
             ]
     return tuple(bank)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorClaim:
+    """A sensor with this lag or dead time and a gain in this range, over a healthy sensor's."""
+
+    column: int  # of the bank; behind its last one stands the sensor quicker than the model's
+    hypothesis: Hypothesis
+    gain_low: float
+    gain_high: float
+    fault: str  # "" is a sound sensor
+
+
+@cache
+def claims(config: ResponseConfig) -> tuple[SensorClaim, ...]:
+    """Return every claim about the sensor, that of a sound and punctual one first."""
+    least, top = config.gain_least, config.gain_max
+    found, bank = [], build(config)
+    # behind the bank a sensor quicker than the training vehicle's; without it a dead time of one
+    # period of a steady modulation explains such a sensor better than none
+    for column, each in enumerate((*bank, bank[0])):
+        if not each.beyond_limit:
+            found.append(SensorClaim(column, each, config.gain_sound_min, top, ""))
+            found.append(SensorClaim(column, each, least, config.gain_weak_max, "gain_low"))
+        elif each.kind == "delay":
+            found.append(SensorClaim(column, each, config.gain_weak_max, top, each.fault))
+        else:
+            found.append(SensorClaim(column, each, SLOW_LEAST, top, each.fault))
+            if each.direction == "symmetric":
+                found.append(SensorClaim(column, each, least, SLOW_LEAST, "transient"))
+    return tuple(found)
 
 
 class BankState(NamedTuple):

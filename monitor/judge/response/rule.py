@@ -25,12 +25,9 @@ import numpy as np
 from monitor.base.config import ResponseConfig
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge.limits import Limits
-from monitor.judge.residual import whitened
-from monitor.judge.response.bank import Hypothesis
-from monitor.judge.response.claims import claims
+from monitor.judge.response.bank import EDGES, claims
 from monitor.judge.window import Opinion, Outcome
 
-EDGES = ("rich_to_lean", "lean_to_rich")
 _WINDOWS = 8  # regressed at once: what fits into the processor's cache
 GAIN_KNOWN: Final = 1e-3  # information on a regression's gain before the drive: hardly any
 GAIN_FOLLOWS: Final = 0.05  # least gain of a regression: no sensor reads the mixture reversed
@@ -104,13 +101,22 @@ class ResponseRule:
         self._columns = np.array([c.column for c in self.claims])
         self._gain_low = np.array([c.gain_low for c in self.claims])
         self._gain_high = np.array([c.gain_high for c in self.claims])
-        names = np.array([c.fault for c in self.claims])
-        near = np.array([c.hypothesis.near_limit for c in self.claims])
+        names = self._names = np.array([c.fault for c in self.claims])
+        sensors = [c.hypothesis for c in self.claims]
+        near = np.array([each.near_limit for each in sensors])
+        self._sound = np.flatnonzero(names == "")
         self._surely = np.flatnonzero((names == "") & ~near)
         self._barely = np.flatnonzero((names == "") & near)
         self._faults = np.flatnonzero(names != "")
-        self._tested = np.flatnonzero((names != "") & ~np.isin(names, limits.trust.untested))
-        times = np.array([_times(c.hypothesis) for c in self.claims]).T
+        # all but a sensor that is surely sound, and faults that the model cannot exclude
+        is_tested = ~np.isin(names, limits.trust.untested)
+        self._others = np.flatnonzero(np.where(names == "", near, is_tested))
+        # lags and dead times of both edge directions, s, in the order of ``Estimates``
+        edges = [(kind, edge) for kind in ("slow", "delay") for edge in EDGES]
+        acts = [
+            [s.kind == k and s.direction in (e, "symmetric") for k, e in edges] for s in sensors
+        ]
+        times = np.array(acts).T * [each.seconds for each in sensors]
         self._moments = np.vstack((times, times**2))
         self._lead = config.lead_s / period_s
         self._ahead = math.ceil(self._lead)
@@ -128,12 +134,9 @@ class ResponseRule:
         Against a fault, a sound sensor that is near its limit counts as the fault.
         """
         evidence = self._evidence
-        surely = evidence[self._surely].max()
-        other = max(surely, evidence[self._barely].max(initial=-math.inf))
-        leads: dict[str, float] = {}
-        for i in self._faults.tolist():
-            name = self.claims[i].fault
-            leads[name] = max(leads.get(name, -math.inf), float(evidence[i] - other))
+        surely, other = evidence[self._surely].max(), evidence[self._sound].max()
+        faults = dict.fromkeys(self.claims[i].fault for i in self._faults.tolist())
+        leads = {name: float(evidence[self._names == name].max() - other) for name in faults}
         for i in self._barely.tolist():
             name = self.claims[i].hypothesis.fault
             if leads[name] < 0.0:
@@ -149,9 +152,8 @@ class ResponseRule:
     @property
     def drive_gain(self) -> float:
         """Return the gain of the likeliest sound sensor; 1 without a window."""
-        sound = np.concatenate((self._surely, self._barely))
-        column = self._columns[sound[self._evidence[sound].argmax()]]
-        gain, _ = self._gain(*self._amplitudes[:, column].tolist())
+        column = self._columns[self._sound[self._evidence[self._sound].argmax()]]
+        gain, _ = self._gain(column)
         return 1.0 if gain is None else gain
 
     def judge(
@@ -169,7 +171,14 @@ class ResponseRule:
         found = []
         for bank, ignored in zip(banks, ignore.tolist(), strict=True):
             if not ignored:
-                self._add(*next(rest))
+                self.windows += 1
+                added, moved, ratio = next(rest)
+                self._evidence += added
+                # a long healthy time must not outweigh the fault that follows it (Page's test)
+                self._evidence -= self._evidence.max()
+                np.maximum(self._evidence, -self._config.evidence_most, out=self._evidence)
+                self._amplitudes *= self._config.gain_memory
+                self._amplitudes += moved, moved**2, moved * ratio
             found.append(self._report(float(bank[:, 0].std()), is_usable=not ignored))
         return found
 
@@ -238,16 +247,6 @@ class ResponseRule:
         rest: FloatArray = np.maximum(syy - gain * (2.0 * sxy - gain * sxx), 0.0)
         return rest + self._least_var
 
-    def _add(self, added: FloatArray, moved: FloatArray, ratio: FloatArray) -> None:
-        """Add a window's evidence, (n_claims,), and what it says of amplitudes, (n_columns,)."""
-        self.windows += 1
-        self._evidence += added
-        # a long healthy time must not outweigh the fault that follows it (Page's test)
-        self._evidence -= self._evidence.max()
-        np.maximum(self._evidence, -self._config.evidence_most, out=self._evidence)
-        self._amplitudes *= self._config.gain_memory
-        self._amplitudes += moved, moved**2, moved * ratio
-
     def _quicker(self, now: FloatArray, m: int) -> FloatArray:
         """Return the prediction ``lead_s`` ahead of its time, (m,)."""
         part = self._ahead - self._lead
@@ -259,20 +258,16 @@ class ResponseRule:
         """Return the finding on all windows so far, the last of which may have been ignored."""
         evidence, claims = self._evidence, self.claims
         fault = int(self._faults[evidence[self._faults].argmax()])
-        surely, barely, tested = (
-            float(evidence[own].max(initial=-math.inf))
-            for own in (self._surely, self._barely, self._tested)
-        )
-        margin = float(evidence[fault]) - max(surely, barely)
+        margin = float(evidence[fault] - evidence[self._sound].max())
+        sound = evidence[self._surely].max() - evidence[self._others].max(initial=-math.inf)
         best = claims[evidence.argmax()]
-        gain = self._gain(*self._amplitudes[:, best.column].tolist())
-        likeliest = best.fault or "healthy"
-        own = excitation, margin, likeliest, *self._estimated_times(), *gain
+        times, gain = self._estimated_times(), self._gain(best.column)
+        own = excitation, margin, best.fault or "healthy", *times, *gain
         outcome: Outcome = "inconclusive"
         name, also = None, tuple[str, ...]()
         if is_usable and margin >= self._config.evidence_fail:
             outcome, name, also = "failed", claims[fault].fault, self._alike(fault)
-        elif is_usable and surely - max(tested, barely) >= self._config.evidence_pass:
+        elif is_usable and sound >= self._config.evidence_pass:
             outcome = "passed"
         column = best.column if best.column < self._n_columns else 0
         return Response(outcome, name, also, column=column, statistics=Estimates._make(own))
@@ -294,8 +289,9 @@ class ResponseRule:
         times: list[float] = np.column_stack((mean, std)).ravel().tolist()
         return times
 
-    def _gain(self, moved: float, square: float, ratio: float) -> tuple[float | None, float | None]:
-        """Return the gain with its standard deviation from sums; None before a window moved."""
+    def _gain(self, column: int) -> tuple[float | None, float | None]:
+        """Return a column's gain with its standard deviation; None before a window moved."""
+        moved, square, ratio = self._amplitudes[:, column].tolist()
         if not moved:
             return None, None
         share, least = square / moved, self._config.gain_least
@@ -304,12 +300,11 @@ class ResponseRule:
         return gain, gain * math.sqrt(0.5 / moved) / self._limits.evidence_gain
 
 
-def _times(hypothesis: Hypothesis) -> list[float]:
-    """Return lags and dead times of both edge directions, s, in the order of ``Estimates``."""
-    return [
-        hypothesis.seconds
-        if hypothesis.kind == kind and hypothesis.direction in (edge, "symmetric")
-        else 0.0
-        for kind in ("slow", "delay")
-        for edge in EDGES
-    ]
+def whitened(x: FloatArray, memory: float) -> FloatArray:
+    """Return the new part of each sample of windows, (w, n, ...), its mean taken off.
+
+    memory : correlation of neighbouring samples
+    """
+    new: FloatArray = x[:, 1:] - memory * x[:, :-1]
+    new -= new.mean(axis=1, keepdims=True)
+    return new

@@ -148,8 +148,8 @@ def in_python(
 
 def _said(block: SampleBlock, judged: Judged) -> Said:
     at = {t_ns: k for k, t_ns in enumerate(block.t_ns.tolist())}
-    found = [(at[w.window.t_end_ns], "window", w, w.statistics.response) for w in judged.windows]
-    found += [(at[c.window.t_end_ns], "cut", c, c.statistics) for c in judged.cuts]
+    found = [(at[w.window.t_end_ns], "window", w, w.response) for w in judged.windows]
+    found += [(at[c.window.t_end_ns], "cut", c, c.response) for c in judged.cuts]
     verdicts = [
         Verdict(k, kind, each.outcome, each.fault or "", own.evidence)
         for k, kind, each, own in found

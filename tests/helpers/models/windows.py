@@ -5,14 +5,12 @@ import numpy as np
 from monitor.base.config import ResponseConfig
 from monitor.base.types import FloatArray
 from monitor.judge.bias import Bias
-from monitor.judge.findings import WindowEstimates, WindowJudged
+from monitor.judge.findings import WindowJudged
 from monitor.judge.response.bank import Bank
 from monitor.judge.response.movement import Moved
 from monitor.judge.response.rule import Estimates
 from monitor.judge.window import Outcome, Window
 
-UNDECIDED = Bias("inconclusive", offset=0.0)
-NOTHING_SEEN = WindowEstimates(Estimates(0.0, 0.0, "healthy"), UNDECIDED, Moved(None, 0.0, 0.0))
 STILL = np.ones(50)
 
 
@@ -43,7 +41,9 @@ def judged_window(
         fault=fault,
         also=(),
         excited=True,
-        statistics=NOTHING_SEEN,
+        response=Estimates(0.0, 0.0, "healthy"),
+        bias=Bias("inconclusive", offset=0.0),
+        moved=Moved(None, 0.0, 0.0),
     )
 
 

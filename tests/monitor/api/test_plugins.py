@@ -40,9 +40,9 @@ def installed(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.syspath_prepend(site)
     tables = codes.CODES, codes.TESTS, codes.TEST_OF
     before = [dict(table) for table in tables]
-    rules._load.cache_clear()
+    rules.loaded.cache_clear()
     yield
-    rules._load.cache_clear()
+    rules.loaded.cache_clear()
     for table, content in zip(tables, before, strict=True):
         table.clear()
         table.update(content)
@@ -89,7 +89,7 @@ def test_a_rule_sets_its_code_once_on(tmp_path: Path, capsys: pytest.CaptureFixt
     own = judged("--config", str(settings), "--memory", str(memory))
     assert ["P1130" in found for found in own] == [False, True]
     # AND the memory keeps the code also where the rule is not installed
-    rules._load.cache_clear()
+    rules.loaded.cache_clear()
     for table in (codes.CODES, codes.TESTS, codes.TEST_OF):
         table.pop("noisy", None)
     assert cli.main(["dtc", "list", "--memory", str(memory)]) == 0
@@ -111,7 +111,7 @@ def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verd
     said: Opinion | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # GIVEN a rule that raises an error, names a fault that it has not, or decides nothing known
-    (kind,) = rules.loaded(["noisy"]).values()
+    kind = rules.loaded("noisy")
     asked = []
 
     def judge(_self: object, window: object) -> Opinion:
@@ -135,7 +135,7 @@ def test_a_rule_that_fails_is_switched_off_and_told_and_the_drive_keeps_its_verd
 def test_a_rule_that_cannot_be_made_is_switched_off_in_that_driving_cycle(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    (kind,) = rules.loaded(["noisy"]).values()
+    kind = rules.loaded("noisy")
     monkeypatch.setattr(kind, "__init__", lambda self: 1 / 0)
     settings = tmp_path / "on.toml"
     settings.write_text('[rules]\nactive = ["noisy"]\n')
@@ -179,4 +179,4 @@ def test_a_rule_that_cannot_be_used_is_named(
         monkeypatch.syspath_prepend(tmp_path)
         monkeypatch.delitem(sys.modules, "own_rules", raising=False)
     with pytest.raises(ConfigError, match=rf"\[rules\] {name}: .*{said}"):
-        rules.loaded([name])
+        rules.loaded(name)

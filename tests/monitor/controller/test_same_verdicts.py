@@ -208,7 +208,7 @@ def test_another_card_other_settings_and_signals_give_the_same_verdicts(
     own = {"air_mass_mg": 'Luft "T" [°C]'} if kind == "bare" else {}
     channels = set_up(None, [], config.load()).model.card.inputs
     setup = {
-        "still": lambda: other(limits={"still_s": 40.0, "still_end_s": 300.0}),
+        "still": lambda: other(limits={"still_s": 40.0}),
         "trust": lambda: other(trust=DRIVES),
         "blind": lambda: other(trust=BLIND),
         "late": lambda: other(LATE),

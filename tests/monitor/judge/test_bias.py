@@ -1,6 +1,7 @@
 """The paper's rule and the bias rule."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.judge.bias import BiasRule, paper_failed
+from monitor.judge.limits import NO_LIMITS
 
 # The paper's rule
 
@@ -32,11 +34,12 @@ def test_the_papers_rule_needs_mean_and_spread_at_their_limits_or_beyond(
 LIMIT = 0.065
 BIAS = config.load().bias
 STD = BIAS.window_std_lambda
+OWN = replace(NO_LIMITS, offset_low=-LIMIT, offset_high=LIMIT, offset_std=STD)
 MOST = LIMIT + BIAS.certainty * STD  # for which a window counts at most
 
 
 def new_rule(low: float = -LIMIT, high: float = LIMIT) -> BiasRule:
-    return BiasRule(BIAS, low, high, STD)
+    return BiasRule(BIAS, replace(OWN, offset_low=low, offset_high=high))
 
 
 @given(st.lists(st.floats(-MOST, MOST), min_size=1, max_size=40))
@@ -82,7 +85,7 @@ def test_the_limits_of_a_vehicle_need_not_be_alike() -> None:
 @pytest.mark.parametrize("step_most", [math.inf, BIAS.fuel_span_lambda])
 def test_a_manoeuvre_in_which_the_model_errs_by_far_is_no_bias(step_most: float) -> None:
     # GIVEN a short drive, in which the model errs by far in two windows
-    rule = BiasRule(BIAS, -LIMIT, LIMIT, STD, step_most)
+    rule = BiasRule(BIAS, OWN, step_most)
     found = [rule.judge(mean) for mean in 5 * [0.0] + [2.0, 1.0] + 5 * [0.0]]
     # THEN neither fails, though the mean, which is told, is far off
     assert "failed" not in {each.outcome for each in found}
@@ -97,7 +100,7 @@ def test_an_ignored_window_is_no_bias() -> None:
 
 
 def stepping_rule() -> BiasRule:
-    return BiasRule(BIAS, -LIMIT, LIMIT, STD, step_most=BIAS.fuel_span_lambda)
+    return BiasRule(BIAS, OWN, BIAS.fuel_span_lambda)
 
 
 @pytest.mark.parametrize(("size", "fault"), [(0.1, "biased_lean"), (-0.1, "biased_rich")])

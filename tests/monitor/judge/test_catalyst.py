@@ -171,6 +171,31 @@ def test_the_offset_has_a_standard_error_from_the_spread_of_the_drive() -> None:
     assert np.abs(errors).max() < 3.0 * max(stds)
 
 
+SLOW = "downstream_slow_lean_to_rich"
+
+
+def spoken(rule: CatalystRule, fault: str, lead: float) -> float:
+    """Let a segment speak for the sensors with a fault; return the log odds of a faulty one."""
+    rule._least, rule._most = 0.1, 0.8
+    is_own = np.array(rule._faults) == fault
+    rule._segment[:] = np.where(is_own, 0.0, -lead / rule._weight)[:, np.newaxis, np.newaxis]
+    rule._close()
+    return rule.sensor().log_odds
+
+
+def test_no_segment_decides_alone() -> None:
+    rule = CatalystRule(config.shipped(), PERIOD_S)
+    assert spoken(rule, SLOW, 1e6) < SETTINGS.segment_most
+
+
+def test_a_sensor_that_fails_after_hours_shows_within_five_minutes() -> None:
+    rule = CatalystRule(config.shipped(), PERIOD_S)
+    for _ in range(300):
+        spoken(rule, "", SETTINGS.segment_most)
+    after = [spoken(rule, SLOW, SETTINGS.segment_most) for _ in range(60)]
+    assert after[0] < 0.0 < config.shipped().response.evidence_fail < after[-1]
+
+
 @pytest.mark.parametrize(
     ("segments", "fades"), [(SETTINGS.evidence_segments, True), (10_000, False)]
 )
@@ -178,15 +203,7 @@ def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades
     # GIVEN segments that all speak a little for the same wrong sensor
     own = replace(SETTINGS, evidence_segments=segments)
     rule = CatalystRule(replace(config.shipped(), catalyst=own), PERIOD_S)
-    wrong = rule._faults.index("downstream_slow_lean_to_rich")
-    odds = []
-    for _ in range(8 * 60):
-        rule._least, rule._most = 0.1, 0.8
-        rule._segment[:] = np.where(
-            np.arange(len(rule._faults)) == wrong, 0.0, -0.05 / rule._weight
-        )[:, np.newaxis, np.newaxis]
-        rule._close()
-        odds.append(rule.sensor().log_odds)
+    odds = [spoken(rule, SLOW, 0.05) for _ in range(8 * 60)]
     # THEN the claim stays open however long the drive is, unless nothing fades
     assert (max(odds) < config.shipped().response.evidence_fail) is fades
     assert odds[-1] > odds[0]

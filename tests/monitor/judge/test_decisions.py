@@ -9,9 +9,10 @@ import pytest
 from monitor.base import config
 from monitor.judge.catalyst.rule import Claim
 from monitor.judge.decision.decisions import Decisions
+from monitor.judge.decision.window_facts import Facts
 from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.electrical.suite import RETURNS
-from monitor.judge.findings import DtcChanged, Facts
+from monitor.judge.findings import DtcChanged
 from monitor.judge.limits import Limits
 from monitor.judge.response.movement import DEAD, Moved
 from monitor.judge.response.rule import Estimates, Response

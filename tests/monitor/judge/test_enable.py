@@ -223,13 +223,6 @@ def test_a_reading_at_the_end_of_its_range_is_judged_in_fuel_cut_only(
     assert blocking(dict(zip(CONDITIONS, held, strict=True))) == blocked
 
 
-def test_a_reset_is_like_switching_on(settled: Bench) -> None:
-    settled.step(fuel_cut=1.0)
-    settled.subject.reset()
-    assert blocking(settled.step()) == {"model_settled"}
-    assert blocking(settled.settle()) == set()
-
-
 # The purge valve
 
 

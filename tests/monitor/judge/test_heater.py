@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import FloatArray
-from monitor.judge.electrical.plausibility import Plausibility
-from monitor.judge.electrical.readiness import DUTY
+from monitor.judge.electrical.plausibility import DUTY, Plausibility
 
 CONFIG = config.load().plausibility
 PERIOD_S = 0.1

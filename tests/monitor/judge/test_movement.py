@@ -9,9 +9,13 @@ from monitor import Verdict, replay
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.bias import Course
+from monitor.judge.decision.window_facts import WindowFacts
 from monitor.judge.limits import NO_LIMITS
 from monitor.judge.response.movement import DEAD, HOLDS, MovementRule
+from monitor.judge.window import Window
+from monitor.pipeline.replay import Setup
 from tests.helpers.drives.drive_tables import PERIOD_S, columns
+from tests.helpers.models.windows import readings
 
 NOISE, N = 0.006, 50
 RNG = np.random.default_rng(11)
@@ -62,6 +66,20 @@ def test_a_reading_may_stand_still_for_as_long_as_healthy_ones_before_it_is_call
     found = faults(noisy(np.ones_like(healthy)), healthy, still_s)
     assert found.index(DEAD) + 1 >= still_s / (N * PERIOD_S)
     assert not any(faults(held(noisy(healthy), 3.0, 12.0), healthy, still_s)[:20])
+
+
+@pytest.mark.parametrize(("share", "fault"), [(1.0, None), (0.5, DEAD)])
+def test_a_reading_at_the_end_of_its_range_around_a_fuel_cut_is_in_air(
+    setup: Setup, share: float, fault: str | None
+) -> None:
+    # GIVEN a reading that shows little of a mixture which turns from air to rich again and again
+    card, own = setup.model.card, setup.config
+    bank = readings(own.response, PERIOD_S, 0.5 + 0.4 * np.sin(np.arange(N // 2)))
+    measured = share * card.output.maximum + 0.003 * (1.0 + np.sin(np.arange(N // 2)))
+    window = Window(0, 0, 1, measured, 1.0 / bank[:, 0], bank, is_cut=True)
+    facts = WindowFacts(setup.limits, own, card).of([window] * 20)
+    # THEN it is dead, unless it stands where a healthy one reads air
+    assert facts[-1].moved.fault == fault
 
 
 @pytest.mark.parametrize("gain", [0.3, 0.5, 1.0, 1.4])

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality
-from monitor.judge.causes.liveness import dead_at_end
-from monitor.judge.causes.observation import Observation
+from monitor.judge.causes.observation import Observation, dead_at_end
 from monitor.judge.enable import Enable
 from monitor.model.card import Channel
 from monitor.pipeline.replay import Setup
@@ -48,7 +47,7 @@ def observed(cuts: list[int]) -> Observation:
 def test_no_count_depends_on_where_blocks_begin(cuts: list[int]) -> None:
     whole, parts = vars(observed([])).values(), vars(observed(cuts)).values()
     for expected, got in zip(whole, parts, strict=True):
-        np.testing.assert_array_equal(expected, got)
+        np.testing.assert_equal(expected, got)
 
 
 def test_the_counts_are_those_of_the_samples() -> None:

@@ -10,14 +10,8 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality, Sample
-from monitor.judge.electrical.plausibility import (
-    ActivityTest,
-    Maturing,
-    Plausibility,
-    Results,
-    TickResult,
-)
-from monitor.judge.electrical.readiness import Readiness
+from monitor.judge.electrical.plausibility import Plausibility, Readiness, Results, TickResult
+from monitor.judge.electrical.suite import ActivityTest, Maturing
 from monitor.memory.debounce import Debounce
 from monitor.model.card import Channel
 

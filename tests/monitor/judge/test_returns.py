@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from monitor.base import config
 from monitor.base.types import FloatArray
 from monitor.judge.electrical.plausibility import TickResult
-from monitor.judge.electrical.returns import ReturnTest
-from monitor.judge.electrical.suite import RETURNS, ElectricalTests
+from monitor.judge.electrical.suite import RETURNS, ElectricalTests, ReturnTest
 from monitor.judge.limits import in_unit
 from monitor.model.card import Channel
 from monitor.model.step import Model
@@ -67,7 +66,7 @@ def test_where_nothing_tells_a_fuel_cut_no_value_is_a_default_value() -> None:
     output = Channel("lambda_measured", "-", 0.7, 1.4, 0.7, 1.4)
     tests = ElectricalTests(config.shipped(), ("lambda_measured",), output, 0.1)
     values = with_drops(live(), [1.36] * 25)[:, np.newaxis]
-    found, _ = tests.push(values, np.zeros(values.shape, np.uint8), np.full(len(values), True))
+    found, *_ = tests.push(values, np.zeros(values.shape, np.uint8), np.full(len(values), True))
     assert RETURNS not in [result for _, result in found]
 
 
@@ -81,7 +80,7 @@ def test_drops_that_go_on_after_a_tester_cleared_the_codes_are_found_again() -> 
     good, burning = np.zeros(values.shape, np.uint8), np.full(len(dropped), True)
 
     def found() -> list[TickResult]:
-        results, _ = tests.push(values, good, burning)
+        results, *_ = tests.push(values, good, burning)
         return [result for _, result in results if result == RETURNS]
 
     assert found() == [RETURNS]
@@ -102,6 +101,6 @@ def test_a_reading_moves_in_whatever_unit_it_is(unit: float) -> None:
     card = Model.load(shipped_model()).card
     card = replace(card, transform="none", output=Channel("y", "V", 0.0, unit, 0.0, unit))
     tests = ElectricalTests(in_unit(config.shipped(), card), ("y",), card.output, 0.1)
-    found, _ = tests.push(unit * live()[:, None] / 2, np.zeros((3000, 1), np.uint8), live() > 0.0)
+    found, *_ = tests.push(unit * live()[:, None] / 2, np.zeros((3000, 1), np.uint8), live() > 0.0)
     assert {(each.test, each.failed) for _, each in found} >= {("activity", False)}
     assert not any(each.failed for _, each in found)

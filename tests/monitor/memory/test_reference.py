@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.judge.bias import BiasRule
+from monitor.judge.limits import Limits
 from monitor.memory.reference import Reference, Seen
 
 BIAS = config.load().bias
@@ -21,7 +22,9 @@ def learned(offsets: list[float], gain: float = 1.0) -> Reference:
 
 def is_found(offset: float, reference: Reference) -> bool:
     """Whether a drive with this offset raises the bias fault within 40 windows."""
-    rule = BiasRule(BIAS, *reference.offset_range(BIAS), BIAS.window_std_lambda)
+    low, high = reference.offset_range(BIAS)
+    limits = Limits(offset_low=low, offset_high=high, offset_std=BIAS.window_std_lambda)
+    rule = BiasRule(BIAS, limits)
     return any(rule.judge(offset).outcome == "failed" for _ in range(40))
 
 

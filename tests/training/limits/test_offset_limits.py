@@ -35,7 +35,7 @@ def drives_of(manoeuvres: int, windows: int = 100) -> list[FloatArray]:
 
 
 def fails(limit: float, means: FloatArray) -> bool:
-    rule = BiasRule(BIAS, -limit, limit, limit / 6.0)
+    rule = BiasRule(BIAS, Limits(offset_low=-limit, offset_high=limit, offset_std=limit / 6.0))
     return any(rule.judge(mean).outcome == "failed" for mean in means)
 
 
@@ -163,6 +163,6 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
 def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
     # GIVEN a card that an earlier calibration gave little weight and long stillness
     drive = load(LOG, period_s=0.1)
-    earlier = replace(LIMITS, evidence=0.1, still_s=100.0, still_end_s=100.0)
+    earlier = replace(LIMITS, evidence=0.1, still_s=100.0)
     # WHEN its limits are set anew THEN they are those of a card without any
     assert evidence_limits([drive] * 2, earlier) == evidence_limits([drive] * 2)

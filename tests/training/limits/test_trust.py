@@ -16,6 +16,7 @@ from monitor.cli import main
 from monitor.judge.limits import Limits
 from monitor.judge.trust import Trust, in_words
 from monitor.memory.codes import TESTS
+from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from training.limits.judging import judge_recordings
@@ -64,25 +65,25 @@ def stuck(recording: Recording, still_s: float) -> bool:
     return any(change.dtc.fault in TESTS["activity"] for change in judged.changes)
 
 
-def still(name: str, *recordings: Recording) -> float | None:
-    """Return a limit, None if the usual time suffices."""
+def still_s(*recordings: Recording) -> float | None:
+    """Return the limit, None if the usual time suffices."""
     found = still_limits(recordings, MODEL.card, SETTINGS)
-    return found[name].value if name in found else None
+    return found["still_s"].value if found else None
 
 
 def test_a_reading_that_moves_keeps_the_usual_time_even_with_one_recording() -> None:
-    assert still("still_s", healthy()) is None
+    assert still_s(healthy()) is None
 
 
 def test_a_reading_in_whole_hundredths_keeps_the_usual_time() -> None:
     noisy = readings() + 0.01 * np.random.default_rng(3).standard_normal(len(readings()))
-    assert still("still_s", with_readings(np.round(noisy, 2))) is None
+    assert still_s(with_readings(np.round(noisy, 2))) is None
 
 
 def test_a_reading_that_once_stood_still_for_minutes_is_no_longer_called_stuck() -> None:
     logged = holding(HOLD_S)
     assert stuck(logged, 0.0)
-    learned = still("still_s", logged) or 0.0
+    learned = still_s(logged) or 0.0
     assert learned > 10 * HOLD_S
     assert not stuck(logged, learned)
 
@@ -108,17 +109,21 @@ def test_a_drive_without_a_stretch_leaves_the_usual_time() -> None:
     assert next_longest([[]]) == 0.0
 
 
-def test_the_end_of_the_range_has_a_time_of_its_own_where_no_signal_tells_the_fuel_cut() -> None:
+def test_standing_at_the_end_of_the_range_counts_where_a_signal_tells_the_fuel_cut() -> None:
     # GIVEN a reading that stands at its end for longer now and then, as that of a lean engine
     values, end = readings().copy(), MODEL.card.output.maximum
     for k, n in enumerate((50, 200, 350, 500, 600)):
         values[500 + 800 * k :][:n] = end
     # WHEN the fuel cut is told or not
     silent = with_readings(values, tells_cut=False)
-    # THEN only the second has time at the end, and the usual time elsewhere
-    assert still("still_end_s", with_readings(values)) is None
-    assert (still("still_end_s", silent) or 0.0) > SETTINGS.plausibility.fuel_cut_most_s
-    assert still("still_s", silent) is None
+    # THEN only the first has stood still: in the second each time may have been a fuel cut
+    assert (still_s(with_readings(values)) or 0.0) > 60.0
+    assert still_s(silent) is None
+
+
+def test_a_card_of_an_earlier_version_with_a_time_at_the_end_of_the_range_judges_as_any() -> None:
+    limits = CARD.limits | {"still_end_s": Limit(300.0, "s", "")}
+    assert Limits.from_card(replace(CARD, limits=limits), SETTINGS, "old") == LIMITS
 
 
 CARD = replace(MODEL.card, trust={})

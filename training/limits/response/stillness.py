@@ -15,8 +15,7 @@ import numpy as np
 from monitor.base.config import Config
 from monitor.base.types import BoolArray, FloatArray
 from monitor.judge import enable
-from monitor.judge.electrical.plausibility import STRETCHES_OF_A_CODE, ActivityTest
-from monitor.judge.electrical.suite import ElectricalTests
+from monitor.judge.electrical.suite import STRETCHES_OF_A_CODE, ActivityTest, ElectricalTests
 from monitor.model.card import Limit, ModelCard
 from training.limits.judging import checked
 from training.recordings.recording import Recording
@@ -31,15 +30,10 @@ def still_limits(
     recordings: Sequence[Recording], card: ModelCard, config: Config
 ) -> dict[str, Limit]:
     """Return how long the reading of healthy recordings may stand still, if unusually long."""
-    own = config.plausibility
-    usual_s = {"still_s": STRETCHES_OF_A_CODE * own.stuck_s, "still_end_s": own.fuel_cut_most_s}
-    drives = [_still_stretches(recording, card, config) for recording in recordings]
+    time_s = next_longest([_still_stretches(each, card, config) for each in recordings])
     where = f"exceeded in {FALSE_SHARE:g} of the drives, by {len(recordings)} healthy recordings"
-    return {
-        name: Limit(time_s, "s", where)
-        for i, name in enumerate(usual_s)
-        if (time_s := next_longest([drive[i] for drive in drives])) > usual_s[name]
-    }
+    is_long = time_s > STRETCHES_OF_A_CODE * config.plausibility.stuck_s
+    return {"still_s": Limit(time_s, "s", where)} if is_long else {}
 
 
 def next_longest(drives: Sequence[Sequence[float]]) -> float:
@@ -65,25 +59,22 @@ def next_longest(drives: Sequence[Sequence[float]]) -> float:
     return min(longest[n].item() * factor - RESOLVED_S, DAY_S)
 
 
-def _still_stretches(
-    recording: Recording, card: ModelCard, config: Config
-) -> tuple[list[float], list[float]]:
+def _still_stretches(recording: Recording, card: ModelCard, config: Config) -> list[float]:
     """Return the times in s for which the reading stands still though a live sensor must move.
 
-    The first are those within its range, the others those at its end, where nothing says whether
-    the fuel is cut.
+    At the end of its range it need not where nothing says whether the fuel is cut.
     """
     period_s, most = card.period_ns * 1e-9, config.plausibility.stuck_range
     names, block, _, held = checked(recording, card, config)
     tests = ElectricalTests(config, names, card.output, period_s)
     burning = enable.holds(enable.masks(held), enable.BURNING)
-    active = tests.must_move(block.values, block.quality, burning)
+    *_, active = tests.push(block.values, block.quality, burning)
     test = ActivityTest(config.plausibility, card.output, names, period_s)
-    found: tuple[list[float], list[float]] = [], []
-    for length, level in _stretches(recording.column(card.output.name), active, most):
-        if not test.is_cold(level):
-            found[test.is_at_end(level)].append(length * period_s)
-    return found
+    return [
+        length * period_s
+        for length, level in _stretches(recording.column(card.output.name), active, most)
+        if not (test.is_cold(level) or test.is_at_end(level))
+    ]
 
 
 def _stretches(measured: FloatArray, active: BoolArray, most: float) -> Iterator[tuple[int, float]]:
