@@ -200,8 +200,9 @@ def is_of_logger(path: Path, columns: Path | None) -> bool:
 
 
 def rename(table: Table) -> str:
-    """Return how to name columns that are no canonical signals, "" where all are."""
-    if table.profile or all(name in BY_NAME for name in table.names):
+    """Return how to name columns that are no canonical signals, "" if all are, or the sensor is."""
+    known = {*table.names, *table.blank}
+    if OUTPUT in known if table.profile else known <= BY_NAME.keys():
         return ""
     return (
         f"columns with other names? 'o2mon check {table.path} --write-profile FILE' proposes which "
@@ -212,7 +213,8 @@ def rename(table: Table) -> str:
 def advice(check: TableCheck) -> str:
     """Return the commands that a logger's file without a model allows."""
     if OUTPUT not in check.present:
-        return f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
+        useless = f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
+        return "\n".join(filter(None, (useless, rename(check.table))))
     if check.is_output_pinned:
         return f"{OUTPUT} stands at an end of its range throughout: nothing to learn from"
     if not check.runs.any():

@@ -484,6 +484,8 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("Lambda Fuel Corr (%)", -2.0, "lambda_controller", 0.98),
         ("Motordrehzahl (rpm)", 1500.0, "engine_speed_rpm", 1500.0),  # no electric motor
         ("Частота вращения (об/мин)", 1500.0, "engine_speed_rpm", 1500.0),
+        ("MAP (bar)", 2.6, "manifold_pressure_kpa", 260.0),  # a pull
+        ("Injector Pulse Width Avg. Bank 1 (ms)", 4.0, "injector_pulse_width_ms", 4.0),
         ("IPW_ms", 4.0, "injector_pulse_width_ms", 4.0),
         ("Gaskleppositie (%)", 20.0, "throttle_percent", 20.0),
         ("Lambda sp. value (AFR)", 14.7, "lambda_measured", None),

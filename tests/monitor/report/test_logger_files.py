@@ -174,6 +174,15 @@ def test_a_fit_is_recommended_only_where_sensor_and_engine_were_on(
     assert ("of the 100 rows in which the engine runs" in text) == ("learns" in said)
 
 
+def test_where_the_profile_knows_no_sensor_another_one_is_offered(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    own = {"Front wideband lambda": drive(300)["afr"] / 14.7}
+    assert cli.main(["check", str(torque(tmp_path / "own.csv", **own))]) == 3
+    said = capsys.readouterr().out.splitlines()[-1]
+    assert said.startswith("columns with other names? 'o2mon check")
+
+
 def test_times_in_ms_without_their_unit_are_pointed_out(tmp_path: Path, capsys: Capture) -> None:
     rows = "\n".join(f"{100 * i},{900 + i},1.0" for i in range(5))
     log = tmp_path / "ms.csv"
