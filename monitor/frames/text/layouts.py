@@ -108,7 +108,7 @@ _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 def _layout(tool: str, begins: str, *rows: str, other: str = r"(?!)", **more: Any) -> TextLayout:
     """Return a layout; in the patterns of rows a blank stands for blanks, @name for a cell."""
     frames = [
-        re.sub(r"@(\w+)", lambda cell: _CELLS[cell[1]], row.replace(" ", r"\s+")) for row in rows
+        re.sub(r"@(\w+)", lambda cell: _CELLS[cell[1]], row.replace(" ", r"\s++")) for row in rows
     ]
     return TextLayout(
         tool=tool,
@@ -147,7 +147,7 @@ CANDUMP: Final = _layout(  # its error frames have a flag in their identifier
     r"(?:(?P<remote>r)\S*|(?:#\S?)?(?P<data>(?:[0-9a-f]{2}\.?)*)(?:_\S*)?))(?: .*)?",
     time_s=float,
 )
-_ASC_DATA: Final = r"(?:d )?(?P<dlc>[0-9a-f]{1,2})(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=))*)"
+_ASC_DATA: Final = r"(?:d )?(?P<dlc>[0-9a-f]{1,2})(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=)){0,64})"
 ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, error frames
     "Vector ASC",
     r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)",
@@ -207,7 +207,7 @@ LAYOUTS: Final = (
         r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
         r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
         r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
-        other=r"\s+[a-z-]+(?:\{.*)?|.*[$#>] ?candump.*|\^C.*",  # of error frames, of a shell
+        other=r"[a-z-]+(?:\{.*)?|.*[$#>] ?candump.*|\^C.*",  # of error frames, of a shell
     ),
     _layout(
         "BusMaster",
@@ -215,7 +215,7 @@ LAYOUTS: Final = (
         r"@clock [RT]x @channel @id (?:s|@ext)(?:@remote|(?P<fd>-fd))? @length@data",
         r"@clock @channel (?P<id>(?P<ext>\w+)) 0x\w+ \w+ \w+ \w+ \d+ [RT]x "  # J1939
         r"(?P<length>[1-5]?\d|6[0-4])@data",  # longer groups are of several frames
-        other=r"\*\*\*.*|.*\bERR\b.*|.* 0x.* [RT]x .*",
+        other=r"\*\*\*.*|.*\bERR\b.*|[\d:]+\s+\d+\s+\w+\s+0x.*",
         wraps=True,
     ),
     _layout(
@@ -249,8 +249,8 @@ LAYOUTS: Final = (
     _layout(
         "labelled frames",  # as sketches for microcontrollers print them
         r"^\W{0,9}(?:t\w*\W+)?\d[\d.]*\W.{0,40}\bid\W+[0-9a-fx]+\b.{0,60}\bdata\W+[0-9a-fx]+\b",
-        r"\W*(?:t\w*\W+)?@time\b.{0,40}?\bid\W+@id\b.{0,40}?\b(?:dlc|len\w*)\W+@length\b"
-        r".{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b)+)\W*",
+        r"\W{0,9}(?:t\w*\W+)?@time\b.{0,40}?\bid\W+@id\b.{0,40}?\b(?:dlc|len\w*)\W+@length\b"
+        r".{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b){1,64})\W{0,9}",
         other=r"\D*",
         time_s=_counted_s,
     ),
@@ -501,14 +501,14 @@ def frames_of_lines(
     assert layout
     for number, raw in enumerate(layout.joined(lines), 1):
         line = raw.strip("\ufeff\r\n")
-        line = _COLOURS.sub("", line) if "\x1b" in line else line
+        line = (_COLOURS.sub("", line) if "\x1b" in line else line).strip()
         if layout.ends_lines and not raw.endswith("\n"):
             raise CutShortError(CUT_SHORT)
-        if not line.strip():
+        if not line:
             continue
         try:
-            if (match := layout.match(line.rstrip())) is None:
-                if not layout.other.fullmatch(line.rstrip()):
+            if (match := layout.match(line)) is None:
+                if not layout.other.fullmatch(line):
                     raise ValueError(line)
                 if found.deltas and (time := _TIME.match(line)):
                     before_s += float(time[1])

@@ -112,6 +112,20 @@ def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) ->
         list(read_frames(path))
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        " " * 60_000 + "1",
+        "1.0 1 A Rx d 8" + " 01" * 60_000 + " ID",
+        "1.0 1 A Rx d 1 01" + " " * 60_000 + "x",
+    ],
+)
+def test_a_hostile_line_costs_itself_and_little_time(tmp_path: Path, line: str) -> None:
+    path, counters = tmp_path / "hostile.asc", LogCounters()
+    path.write_text(f"base hex timestamps absolute\n0.1 1 0C2 Rx d 1 01\n{line}\n")
+    assert len(list(read_frames(path, counters))) == counters.damaged == 1
+
+
 def test_parameter_groups_of_busmaster_are_read_as_far_as_a_frame_carries_them(
     tmp_path: Path,
 ) -> None:
