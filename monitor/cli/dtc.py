@@ -206,7 +206,7 @@ def _readiness(args: DtcOptions) -> int:
             )
         for r in store.results:
             inside = "" if r.low <= r.value <= r.high else "  outside"
-            limits = f"{plain(r.low)} to {plain(r.high)}"
+            limits = f"{plain(r.low)} to {plain(r.high)}{' lambda' * (r.test == 'bias')}"
             yield f"  {r.test:<17} {r.quantity:<28} {plain(r.value):>10}   {limits}{inside}"
 
     return _print(args, found, fields, lines())

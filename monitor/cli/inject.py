@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, Input, Output
 from monitor.base.command_line.signature import REPEATED
-from monitor.base.errors import ConfigError, UsageError
+from monitor.base.errors import ConfigError, RecordingError, UsageError
 from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_address, open_bus, say, set_up
 
 if TYPE_CHECKING:
@@ -160,9 +160,7 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
     if "to_channel" not in args.bus:
         raise UsageError("give the other side with --to-channel (and --to-interface), or a LOG")
     if scenario.n_drives > 1:
-        raise UsageError(
-            f"{args.scenario[0]}: drives = {scenario.n_drives} is for a LOG, not a bus"
-        )
+        raise UsageError(f"{args.scenario[0]}: drives = {scenario.n_drives} is for a LOG only")
     other = _other_side(args.bus)
     names = [" ".join(bus_address(side)) for side in (args.bus, other)]
     if names[0] == names[1]:
@@ -171,7 +169,7 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
         if name.startswith(_HEARS_ITSELF):
             raise UsageError(
                 f"{name}: {_HEARS_ITSELF} hears what it sends itself, "
-                "so a gateway would pass the same frames round for ever"
+                "so a gateway would pass the same frames round for ever; take vcan0 and vcan1"
             )
     injector = Injector(
         setup.bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
@@ -191,6 +189,8 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
                 for line in gateway.lines():
                     say(line)
         recorder.close()
+        if args.check and not log.stat().st_size:
+            raise RecordingError(f"{names[0]}: no frame came from the ECU, nothing can be judged")
         return [replay(log, setup)[0]] if args.check else []
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import SettingsFile
+from monitor.base.counts import counted
 from training.cli.options import CoreOptions, ReadOptions
 
 EXAMPLES = """examples:
@@ -82,7 +83,7 @@ def run(args: FleetCommand) -> int:
     html, json_path, decided = fleet_page.write(args.out, kit, result)
     fleet.finish(args.out)
     print(
-        f"{result['drives']} recordings, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
+        f"{counted(result['drives'], 'recording')}, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
         f"with a code, {result['errors']} could not be judged; the response test decided {decided}"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")

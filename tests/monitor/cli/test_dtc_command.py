@@ -109,7 +109,7 @@ def test_readiness_shows_each_test_with_its_results(memory: Path, capsys: Captur
     (gain,) = [line for line in lines if "gain" in line]
     assert gain.endswith("outside")
     (offset,) = [line for line in lines if "offset" in line]
-    assert not offset.endswith("outside")
+    assert offset.endswith(" 0   -0.065 to 0.065 lambda")
     assert "e-" not in offset  # what is nearly 0 is shown as 0
     result = json.loads(output(capsys, "readiness", "--memory", memory, "--json"))
     assert result["general_denominator"] == result["ignition_cycles"] == 1

@@ -310,3 +310,9 @@ def test_what_a_table_cannot_have_is_refused(
     healthy = table(tmp_path / "drive.csv")
     assert inject(healthy, "--out", tmp_path / out, "--fault", name) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_silent_ecus_bus_is_named_and_cannot_be_judged(capsys: Capture) -> None:
+    buses = ("-i", "virtual", "-c", "silent", "--to-channel", "tester", "--duration", "0.1")
+    assert inject(*buses, "--scenario", SCENARIOS / "silent_ecu.toml", "--assert") == 2
+    assert "o2mon: virtual silent: no frame came from the ECU" in capsys.readouterr().err

@@ -382,6 +382,7 @@ def test_the_command_says_what_it_found(
     (tmp_path / "empty.log").touch()
     call[1] = str(tmp_path / "empty.log")
     assert main(call) == 3
+    assert "1 recording, 0.0 h: 0 with a code" in capsys.readouterr().out
     call[-3] = str(tmp_path / "out.csv")
     assert main(call) == 2
 

@@ -184,12 +184,14 @@ def test_a_large_fleets_limit_is_that_of_known_spread() -> None:
     assert small == pytest.approx(large, rel=0.06)
 
 
-def test_reasons_that_differ_in_numbers_are_one_and_no_name_loses_its_digits() -> None:
+def test_reasons_that_differ_in_numbers_are_one_and_keep_the_numbers_that_are_alike() -> None:
     says = "period {} s, not 0.1 s; o2train table brings an .mf4 to one"
     paths, errors = ["a", "b"], [f"{p}: {says.format(s)}" for p, s in (("a", 1), ("b", 0.25))]
     (found,) = summary.reasons(pl.DataFrame({"path": paths, "error": errors}))
-    assert found["reason"] == "period N s, not N s; o2train table brings an .mf4 to one"
+    assert found["reason"] == "period N s, not 0.1 s; o2train table brings an .mf4 to one"
     assert found["recordings"] == 2
+    (alone,) = summary.reasons(pl.DataFrame({"path": paths[:1], "error": errors[:1]}))
+    assert alone["reason"] == says.format(1)
 
 
 def test_vehicles_far_from_the_fleet_stand_out_and_do_not_hide_each_other() -> None:

@@ -88,17 +88,17 @@ def drives_with_code(judged: pl.DataFrame) -> list[Figures]:
 def reasons(recordings: pl.DataFrame) -> list[Figures]:
     """Return the reasons of recordings that were not judged, the most frequent first.
 
-    Reasons that differ only in numbers count as one; every reason has up to 3 example files.
+    Reasons that differ only in numbers are one, N where they differ, with up to 3 example files.
     """
-    alike: dict[str, list[str]] = {}
+    alike: dict[tuple[str, ...], list[list[str]]] = {}  # by words: path, words and numbers
     bad = recordings.filter(pl.col("error").is_not_null())
     for path, error in bad.select("path", "error").iter_rows():
-        text = str(error).removeprefix(f"{path}: ")
-        alike.setdefault(re.sub(r"\b\d[\d.]*\b", "N", text), []).append(path)
-    rows = [
-        {"reason": reason, "recordings": len(paths), "examples": paths[:EXAMPLES]}
-        for reason, paths in alike.items()
-    ]
+        parts = re.split(r"(\b\d[\d.]*\b)", str(error).removeprefix(f"{path}: "))
+        alike.setdefault(tuple(parts[::2]), []).append([path, *parts])
+    rows: list[Figures] = []
+    for paths, *told in (zip(*each, strict=True) for each in alike.values()):
+        reason = "".join(part[0] if len({*part}) == 1 else "N" for part in told)
+        rows.append({"reason": reason, "recordings": len(paths), "examples": [*paths[:EXAMPLES]]})
     return sorted(rows, key=lambda row: -int(str(row["recordings"])))
 
 
