@@ -83,8 +83,9 @@ def run(args: FleetCommand) -> int:
     html, json_path, decided = fleet_page.write(args.out, kit, result)
     fleet.finish(args.out)
     print(
-        f"{counted(result['drives'], 'recording')}, {result['driving_s'] / 3600.0:.1f} h: {result['faults']} "
-        f"with a code, {result['errors']} could not be judged; the response test decided {decided}"
+        f"{counted(result['drives'], 'recording')}, {result['driving_s'] / 3600.0:.1f} h: "
+        f"{result['faults']} with a code, {result['errors']} could not be judged; "
+        f"the response test decided {decided}"
     )
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
     print(f"figures: {json_path}\nreport: {html}")
