@@ -78,6 +78,7 @@ _ANY: Final = re.IGNORECASE | re.ASCII
 _CELLS: Final = {  # of a line, as the patterns below name them
     "time": r"(?P<time>\d+(?:[.,]\d+)?)",
     "clock": r"(?P<time>\d+:\d+:\d+:\d+)",
+    "moment": r"(?P<time>(?:\d+-\d+-\d+[ T])?[\d:]+(?:[.,]\d+)?)(?![-:.,/]?\d)",  # all of it
     "channel": r"(?P<channel>\d+)",
     "id": r"(?P<id>(?:0x)?[0-9a-f]+)",
     "short": r"(?P<id>[0-9a-f]{1,4}|(?P<ext>[0-9a-f]{8}))",
@@ -106,13 +107,16 @@ _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
 
 def _layout(tool: str, begins: str, *rows: str, other: str = r"(?!)", **more: Any) -> TextLayout:
-    """Return a layout; in the patterns of rows a blank stands for blanks, @name for a cell."""
+    """Return a layout; in the patterns of rows a blank stands for blanks, @name for a cell.
+
+    begins : how a log begins, "" with any row
+    """
     frames = [
         re.sub(r"@(\w+)", lambda cell: _CELLS[cell[1]], row.replace(" ", r"\s++")) for row in rows
     ]
     return TextLayout(
         tool=tool,
-        begins=re.compile(begins, _ANY | re.M),
+        begins=re.compile(begins or rf"^{frames[0]}$", _ANY | re.M),
         frames=tuple(re.compile(rf"\s*{row}\s*", _ANY) for row in frames),
         other=re.compile(other, _ANY),
         **more,
@@ -248,11 +252,12 @@ LAYOUTS: Final = (
     ),
     _layout(
         "labelled frames",  # as sketches for microcontrollers print them
-        r"^\W{0,9}(?:t\w*\W+)?\d[\d.]*\W.{0,40}\bid\W+[0-9a-fx]+\b.{0,60}\bdata\W+[0-9a-fx]+\b",
-        r"\W{0,9}(?:t\w*\W+)?@time\b.{0,40}?\bid\W+@id\b.{0,40}?\b(?:dlc|len\w*)\W+@length\b"
+        "",
+        r"\W{0,9}(?:t\w*\W+)?@moment\b.{0,40}?\bid\W+@id\b.{0,40}?\b(?:dlc|len\w*)\W+@length\b"
         r".{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b){1,64})\W{0,9}",
         other=r"\D*",
         time_s=_counted_s,
+        wraps=True,
     ),
     _layout(
         "python-can",

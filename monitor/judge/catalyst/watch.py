@@ -158,8 +158,9 @@ class CatalystMonitor:
             wake_s, most_s = self.circuit.wake_s, self._config.wake_most_s  # from a cold start
             woke = (TestResult(HEATER, "wake_s", wake_s, 0.0, most_s),) if wake_s else ()
             yield BehindResult(k, test, found, results=woke)
-        if self._missing > self._n_hold or not all(map(math.isfinite, held)):
+        if self._missing == self._n_hold + 1:
             self.rule.interrupt()
+        if self._missing > self._n_hold or not all(map(math.isfinite, held)):
             return
         air_g_s = held[2] / KG_H_PER_G_S
         counts = runs and is_complete and self._is_warm(sample) and not self.circuit.is_doubtful

@@ -1,5 +1,8 @@
 """Logs that other tools write as text are read, or called by their name."""
 
+import re
+import time
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,6 +14,7 @@ from monitor.decode.log_blocks import log_blocks
 from monitor.frames.blocks import LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks, read_frames
+from monitor.frames.text.layouts import UNREAD, layout_of
 from monitor.grid.tables import is_table
 from monitor.report.check import check
 from tests.helpers.logs.bus_maps import OBD
@@ -124,6 +128,30 @@ def test_a_hostile_line_costs_itself_and_little_time(tmp_path: Path, line: str) 
     path, counters = tmp_path / "hostile.asc", LogCounters()
     path.write_text(f"base hex timestamps absolute\n0.1 1 0C2 Rx d 1 01\n{line}\n")
     assert len(list(read_frames(path, counters))) == counters.damaged == 1
+
+
+@pytest.mark.parametrize("text", ["0", "ID 0x1 "])
+def test_no_long_line_takes_long_to_name_what_is_not_read(text: str) -> None:
+    line, begun_s = text * (40_000 // len(text)), time.process_time()
+    for each in UNREAD["text"]:
+        assert not re.search(each["begins"], line, re.I | re.A | re.M)
+    assert time.process_time() - begun_s < 2.0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"time": 1500, "id": "1A0", "dlc": 2, "data": "0102"}',
+        "1.12.2026 12:00:00 ID: 0x1A0 DLC: 2 Data: 01 02",
+    ],
+)
+def test_frames_with_other_labels_or_times_are_not_read_as_those_of_a_sketch(
+    tmp_path: Path, line: str
+) -> None:
+    path = tmp_path / "drive.txt"
+    path.write_text(f"{line}\n" * 9)
+    with suppress(RecordingError):  # that it is not read
+        assert layout_of(path).layout is None
 
 
 def test_parameter_groups_of_busmaster_are_read_as_far_as_a_frame_carries_them(

@@ -287,6 +287,15 @@ def test_no_result_depends_on_where_blocks_begin() -> None:
     assert told[0] == told[1]
 
 
+def test_a_stretch_without_values_loses_the_filling_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    values, lost = a_drive(0.06, minutes=2.0), list[CatalystRule]()
+    values[300:900, 1] = np.nan
+    monitor, _ = judged(values[:300])
+    monkeypatch.setattr(CatalystRule, "interrupt", lambda rule: lost.extend([rule]))
+    list(monitor.push(values[300:], np.ones(900, dtype=np.bool_)))
+    assert lost == [monitor.rule]
+
+
 def test_without_the_voltage_there_is_nothing_to_judge() -> None:
     values = a_drive(0.06, minutes=1.0)
     values[:, 0] = np.nan
