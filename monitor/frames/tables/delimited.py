@@ -65,7 +65,7 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     places = {each: i for i, each in enumerate(names) if each}
     wanted = [(n.casefold().strip("_"),) for n in pivot] if pivot else map(str.split, _LONG)
     name, value, unit = (next((places[w] for w in words if w in places), None) for words in wanted)
-    if name is None or value is None or dialect.columns[name].kind != "text":
+    if name is None or value in (None, name) or dialect.columns[name].kind != "text":
         return None
     units, said = dict[str, str](), [""]  # names, repeats left out
     for line, row in _rows(path, dialect, 0, Notes()):
