@@ -90,8 +90,9 @@ def run(args: InjectOptions) -> int:
     """Put faults into an engine's frames, or into a log."""
     from monitor.inject.expected import case, compare, table
 
-    buses = getattr(args.bus, "interface", None) or "to_channel" in args.bus or args.duration
-    if args.log and buses:
+    of_a_bus = {"interface", "bitrate", "fd", "data_bitrate", "timing", "bus_kwargs"}
+    buses = [k for k in vars(args.bus) if k in of_a_bus or k.startswith("to_")]
+    if args.log and (buses or args.duration):
         raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
     if args.log and not (args.out or args.check):
         raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")
@@ -165,12 +166,11 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
     names = [" ".join(bus_address(side)) for side in (args.bus, other)]
     if names[0] == names[1]:
         raise UsageError(f"both sides are {names[0]}, two buses are wanted")
-    for name in names:
-        if name.startswith(_HEARS_ITSELF):
-            raise UsageError(
-                f"{name}: {_HEARS_ITSELF} hears what it sends itself, "
-                "so a gateway would pass the same frames round for ever; take vcan0 and vcan1"
-            )
+    if any(name.startswith(_HEARS_ITSELF) for name in names):
+        raise UsageError(
+            f"{_HEARS_ITSELF} hears what it sends itself, "
+            "so a gateway would pass the same frames round for ever; take vcan0 and vcan1"
+        )
     injector = Injector(
         setup.bus_map, scenario.faults, seed=scenario.seed, keep_counters=scenario.keep_counters
     )

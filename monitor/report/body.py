@@ -48,7 +48,7 @@ def body(
         which = total if len(simulated) == len(recordings) else f"{len(simulated)} of {total}"
         note = (
             f'<p class="note"><strong>Simulated.</strong> {which} on this page: from a simulation, '
-            "not from a vehicle. Their results are marked.</p>"
+            "not from a vehicle. The results are marked.</p>"
         )
     lead = overview = ""
     if len(recordings) > 1:

@@ -121,7 +121,7 @@ def confidence(recording: Mapping[str, Any]) -> str:
     if said:
         return "; ".join(dict.fromkeys(said))  # two codes may stand for one fault
     if dtcs:
-        return "not given: the test of this code has limits, no evidence"
+        return "not given: the test of this code compares with limits and weighs no evidence"
     if recording["not_judged"]:
         return "none, a test is missing"
     return CATALYST_ALONE if is_catalyst_alone(recording) else "every test ended"

@@ -173,6 +173,8 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["IN", "--out", "out.txt"], "unknown log format '.txt'"),
         (["IN", "--out", "no/such/out.log"], "no/such/out.log: the folder does not exist"),
         (["IN", "--out", "OUT", "-i", "virtual", "-c", "a"], "either a LOG or two buses"),
+        (["IN", "--out", "OUT", "--bitrate", "500000"], "either a LOG or two buses"),
+        (["IN", "--out", "OUT", "--to-interface", "virtual"], "either a LOG or two buses"),
         (["none.log", "--out", "OUT"], "none.log: cannot read it"),
         (["-i", "virtual", "-c", "a"], "give the other side"),
         (["-i", "virtual", "-c", "a", "--to-channel", "a"], "both sides are virtual a"),
