@@ -253,8 +253,8 @@ LAYOUTS: Final = (
     _layout(
         "labelled frames",  # as sketches for microcontrollers print them
         "",
-        r"\W{0,9}(?:t\w*\W+)?@moment\b.{0,40}?\bid\W+@id\b.{0,40}?\b(?:dlc|len\w*)\W+@length\b"
-        r".{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b){1,64})\W{0,9}",
+        r"\W{0,9}(?:t\w*\W+)?@moment\b(?!\s*[uµ]s\b).{0,40}?\bid\W+@id\b.{0,40}?"
+        r"\b(?:dlc|len\w*)\W+@length\b.{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b){1,64})\W{0,9}",
         other=r"\D*",
         time_s=_counted_s,
         wraps=True,

@@ -143,6 +143,7 @@ def test_no_long_line_takes_long_to_name_what_is_not_read(text: str) -> None:
     [
         '{"time": 1500, "id": "1A0", "dlc": 2, "data": "0102"}',
         "1.12.2026 12:00:00 ID: 0x1A0 DLC: 2 Data: 01 02",
+        "1500000 us ID: 0x1A0 DLC: 2 Data: 01 02",
     ],
 )
 def test_frames_with_other_labels_or_times_are_not_read_as_those_of_a_sketch(
