@@ -506,13 +506,14 @@ def frames_of_lines(
     assert layout
     for number, raw in enumerate(layout.joined(lines), 1):
         line = raw.strip("\ufeff\r\n")
-        line = (_COLOURS.sub("", line) if "\x1b" in line else line).strip()
+        line = (_COLOURS.sub("", line) if "\x1b" in line else line).rstrip().lstrip(" ")
         if layout.ends_lines and not raw.endswith("\n"):
             raise CutShortError(CUT_SHORT)
         if not line:
             continue
         try:
             if (match := layout.match(line)) is None:
+                line = line.lstrip()  # of a table's row the first cells may be empty
                 if not layout.other.fullmatch(line):
                     raise ValueError(line)
                 if found.deltas and (time := _TIME.match(line)):

@@ -130,6 +130,12 @@ def test_a_hostile_line_costs_itself_and_little_time(tmp_path: Path, line: str) 
     assert len(list(read_frames(path, counters))) == counters.damaged == 1
 
 
+def test_the_first_cells_of_a_table_of_frames_may_be_empty(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    path.write_text("Bus\tTime\tID\tD0\tD1\n" + "".join(f"\t0.{i}\t0C2\t01\t0{i}\n" for i in "123"))
+    assert [frame.data.hex() for frame in read_frames(path)] == ["0101", "0102", "0103"]
+
+
 @pytest.mark.parametrize("text", ["0", "ID 0x1 "])
 def test_no_long_line_takes_long_to_name_what_is_not_read(text: str) -> None:
     line, begun_s = text * (40_000 // len(text)), time.process_time()
