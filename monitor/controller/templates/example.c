@@ -75,7 +75,7 @@ static void print(const o2_monitor *m, const o2_result *r, long tick)
     if (r->changed) {
         for (unsigned c = 0U; c < O2_N_CODES; c++) {
             if (m->fault[c] != O2_SOUND) {
-                printf("%.2f s code %s %s status %02X\n", t_s, o2_code_names[c],
+                printf("%.2f s code %s %s status 0x%02X\n", t_s, o2_code_names[c],
                        o2_fault_names[m->fault[c]], (unsigned)m->status[c]);
             }
         }
@@ -92,7 +92,7 @@ int main(int argc, char *argv[])
     o2_result result = {.fault_flag = false};
     FILE *file = (argc == 2) ? fopen(argv[1], "r") : NULL;
     if ((file == NULL) || (fgets(line, (int)sizeof(line), file) == NULL)) {
-        fputs("usage: example TABLE.csv\n", stderr);
+        fprintf(stderr, "example: %s\n", (argc == 2) ? "cannot read the table" : "give TABLE.csv");
         return 2;
     }
     int n = cells(line, cell);

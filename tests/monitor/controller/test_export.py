@@ -41,13 +41,15 @@ def test_it_compiles_and_judges_a_table(compiler: str, exported: Path, tmp_path:
     said = subprocess.run([out, table], capture_output=True, text=True, check=False)
     # THEN the code of a frozen sensor is pending after two stretches of 10 s
     assert said.returncode == 1
-    assert "19.90 s code P0134 stuck_at_one status 27" in said.stdout
+    assert "19.90 s code P0134 stuck_at_one status 0x27" in said.stdout
     # AND a cell that is no number is no value, as an empty one
     heard = []
     for cell in ("", "n/a"):
         table.write_text(",".join(names) + "\n" + "1.0,2000,1,0\n" + f"{cell},2000,1,0\n" * 250)
         heard.append(subprocess.run([out, table], capture_output=True, text=True, check=False))
     assert heard[1].stdout == heard[0].stdout
+    lost = subprocess.run([out, tmp_path / "no.csv"], capture_output=True, text=True, check=False)
+    assert (lost.returncode, lost.stderr) == (2, "example: cannot read the table\n")
 
 
 def test_its_files_are_replaced_but_never_another_program_s(exported: Path) -> None:
