@@ -17,6 +17,7 @@ from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_address, ope
 if TYPE_CHECKING:
     import can
 
+    from monitor.base.files.junit import JunitRun
     from monitor.inject.expected import Recording
     from monitor.inject.scenario import Scenario
     from monitor.inject.side import Side
@@ -88,6 +89,13 @@ def also_written(args: InjectOptions) -> list[Path]:
 
 def run(args: InjectOptions) -> int:
     """Put faults into an engine's frames, or into a log."""
+    from monitor.base.files.junit import junit_file
+
+    with junit_file(args.junit, "o2mon.inject") as tests:
+        return _inject(args, tests)
+
+
+def _inject(args: InjectOptions, tests: "JunitRun") -> int:
     from monitor.inject.expected import case, compare, table
 
     of_a_bus = {"interface", "bitrate", "fd", "data_bitrate", "timing", "bus_kwargs"}
@@ -104,21 +112,17 @@ def run(args: InjectOptions) -> int:
     if args.check and not all(scenario.expectations for scenario in scenarios.values()):
         raise UsageError("--assert needs a --scenario with an [[expect]]")
     setup = set_up(args, args.columns, judges=args.check)
-    cases = []
     for name, scenario in scenarios.items():
         if len(scenarios) > 1:
             say(name)
+        tests.name = name or tests.name
         recordings = (_drives if args.log else _buses)(args, scenario, setup)
         if args.check:
             rows = compare(scenario, recordings)
             for line in table(rows):
                 say(line)
-            cases.append(case(name, rows))
-    if args.junit:
-        from monitor.base.files.junit import write_junit
-
-        write_junit(args.junit, "o2mon.inject", cases)
-    return 1 if any(case.said for case in cases) else 0
+            tests.cases.append(case(name, rows))
+    return 1 if any(case.said for case in tests.cases) else 0
 
 
 def _scenarios(args: InjectOptions) -> "dict[str, Scenario]":
@@ -191,7 +195,8 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
         recorder.close()
         if args.check and not log.stat().st_size:
             raise RecordingError(f"{names[0]}: no frame came from the ECU, nothing can be judged")
-        return [replay(log, setup)[0]] if args.check else []
+        n_changed = injector.counts.changed.total()
+        return [replay(log, setup)[0] | {"n_changed": n_changed}] if args.check else []
 
 
 def _side(bus: "can.BusABC", options: argparse.Namespace, name: str) -> "Side":

@@ -4,12 +4,15 @@ from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
 from monitor.cli.sinks import SinkOptions, appended, open_sinks, spoken
+
+if TYPE_CHECKING:
+    from monitor.base.files.junit import JunitRun
 
 __all__ = ["EXAMPLES", "appended", "run"]
 
@@ -41,6 +44,13 @@ class ReplayOptions(JudgeOptions, ColumnNames, LogChannel, SinkOptions):
 
 def run(args: ReplayOptions) -> int:
     """Judge recorded drives."""
+    from monitor.base.files.junit import junit_file
+
+    with junit_file(args.junit, "o2mon.replay") as tests:
+        return _replay(args, tests)
+
+
+def _replay(args: ReplayOptions, tests: "JunitRun") -> int:
     from monitor.frames.text.python_can import import_cantools_alone
 
     import_cantools_alone()
@@ -60,18 +70,16 @@ def run(args: ReplayOptions) -> int:
     ):
         listeners = sinks.listener if args.sink else None
         for log in args.log:
+            tests.name = str(log)
             recording, trace = replay(
                 log, setup, memory, trace=bool(args.html), listeners=listeners
             )
             recordings.append(recording)
             traces.append(trace)
+            tests.cases.append(case(recording))
             if args.sink and "limits" not in recording:
                 warn(f"{log}: is judged without a model, so the sinks get nothing of it")
             for line in () if args.quiet else print_recording(recording, windows=args.windows):
                 say(line, spoken(args))
     write_outputs(args, setup, recordings, traces, stream=spoken(args))
-    if args.junit:
-        from monitor.base.files.junit import write_junit
-
-        write_junit(args.junit, "o2mon.replay", list(map(case, recordings)))
     return exit_code(recordings)

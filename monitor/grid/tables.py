@@ -6,12 +6,14 @@ shipped one that its columns fit.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from monitor.base.errors import RecordingError
+from monitor.base.files.manifest import entry_of
 from monitor.base.signals import OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
@@ -91,12 +93,32 @@ def read_table(
         return _of_logger(open_table(path, profile.pivot), profile, further)
     mapping = load_columns(given) if given is not None else None
     raw = open_table(path)
-    if mapping is not None or raw.names[0] == TIME:
-        notes = Notes()
-        cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
-        return make_table(path, list(raw.names), cells, mapping, notes)
     notes = Notes()
+    if mapping is not None or raw.names[0] == TIME:
+        cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
+        return _of_origin(make_table(path, list(raw.names), cells, mapping, notes))
     return _of_logger(raw, _of_model(raw, of_model) or recognised(raw, notes), further, notes)
+
+
+def origin_of(table: Table) -> dict[str, Any]:
+    """Return what the manifest of a table's copy in the own form keeps of a logger's file."""
+    if not table.profile:
+        return {}
+    marked = {} if table.pinned is None else dict(zip(table.names, table.pinned.T, strict=True))
+    columns = dict(zip(table.names, table.values.T, strict=True))
+    pinned = {name: columns[name][rows] for name, rows in marked.items() if rows.any()}
+    written = {n: sorted({float(f"{v:.9g}") for v in values}) for n, values in pinned.items()}
+    return {"profile": table.profile, "pinned": written}
+
+
+def _of_origin(table: Table) -> Table:
+    """Return an own table with what its manifest keeps of the logger's file that it is made of."""
+    entry = entry_of(table.path)
+    if not (entry.get("profile") and isinstance(pinned := entry.get("pinned"), dict)):
+        return table
+    columns = zip(table.names, table.values.T, strict=True)
+    marks = [np.isin(values, pinned.get(name, ())) for name, values in columns]
+    return replace(table, profile=str(entry["profile"]), pinned=np.column_stack(marks))
 
 
 def _of_model(raw: RawTable, tree: Mapping[str, Any] | None) -> Profile | None:

@@ -16,7 +16,7 @@ from monitor.decode.obd_answers import ANSWER, ANSWER_29, POSITIVE, AllParameter
 from monitor.frames.blocks import EXTENDED, LogCounters, frames_of
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
-from monitor.grid.tables import Table, is_table
+from monitor.grid.tables import Table, is_table, origin_of
 from monitor.grid.timeline import Timeline
 from monitor.inject.expected import Recording
 from monitor.inject.gateway import write_log
@@ -27,8 +27,8 @@ from monitor.inject.table_faults import with_faults, write_own
 from monitor.memory.codes import CODES
 from monitor.memory.store import Memory
 from monitor.pipeline.names import needed_names
-from monitor.pipeline.recordings import RecordingReader, table_of_model
-from monitor.pipeline.replay import Setup, judged, replay
+from monitor.pipeline.recordings import table_of_model
+from monitor.pipeline.replay import Setup, judged_table, replay
 
 Place = Callable[[int], Path | None]
 
@@ -88,17 +88,17 @@ def _log_drive(
     is_polled = ANSWER in keys
     blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)
     read = chain.from_iterable(map(frames_of, blocks))
-    frames = injector.stream(_alone(read, injector.counts.changed) if is_polled else read)
+    frames = injector.stream(_alone(read, injector.counts.kept) if is_polled else read)
     written = out or fleeting
     write_log(written, frames, setup.bus_map.log_channel)
     if out:
         _note(out, log, scenario.faults_of(drive))
     entry = replay(written, setup, memory)[0] if memory else None
     counts = injector.counts
-    counts.changed.update(timeline.counters.found | {"error and remote frames": found.skipped})
+    counts.kept.update(timeline.counters.found | {"error and remote frames": found.skipped})
     for line in (*counts.lines(), *found.notes):
         say(f"{out or log}: {line}")
-    return entry and {**entry, "path": str(out or log)}
+    return entry and {**entry, "path": str(out or log), "n_changed": counts.changed.total()}
 
 
 def _alone(frames: Iterable[Frame], counts: Counter[str]) -> Iterator[Frame]:
@@ -130,16 +130,15 @@ def _table_drive(
     changed, n = with_faults(table, scenario.faults_of(drive), scenario.seed_of(drive))
     if out:
         write_own(out, changed)
-        _note(out, table.path, scenario.faults_of(drive))
+        _note(out, table.path, scenario.faults_of(drive), **origin_of(table))
     say(f"{out or table.path}: lambda changed in {n} of {len(changed.t_ns)} rows")
     if memory is None:
         return None
-    reader = RecordingReader(setup.bus_map, setup.model.card)
-    return judged(reader.table(changed), None, setup, memory)[0]
+    return judged_table(changed, None, setup, memory)[0] | {"n_changed": n}
 
 
-def _note(out: Path, origin: Path, faults: Sequence[Injection]) -> None:
+def _note(out: Path, origin: Path, faults: Sequence[Injection], **more: object) -> None:
     """Name a written drive in the manifest beside it, with the first fault that has a code."""
     first = next((each for each in faults if each.name in CODES), None)
     said = {"fault": first.name, "severity": first.severity, "in_the_loop": False} if first else {}
-    note(out, origin, **said)
+    note(out, origin, **said, **more)

@@ -32,6 +32,8 @@ def compare(scenario: Scenario, recordings: Sequence[Recording]) -> list[Row]:
         expected = [e for e in scenario.expectations if e.drive == drive]
         begin_s = scenario.begin_s(drive)
         rows += [_row(expectation, recording, begin_s) for expectation in expected]
+        if expected and scenario.faults_of(drive) and not recording.get("n_changed", 1):
+            rows.append(Row(drive, "a fault that changes something", "nothing changed", False))
         if not expected or any(e.code == NO_CODE for e in expected):
             continue  # the drive has no expectation, or the row above covers every code
         rows += [

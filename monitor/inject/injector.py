@@ -35,10 +35,12 @@ class InjectionCounts:
     taken: int = 0
     given: int = 0
     changed: Counter[str] = field(default_factory=Counter)  # by kind of change
+    kept: Counter[str] = field(default_factory=Counter)  # by the reason why no fault is in them
 
     def lines(self) -> Iterator[str]:
         """Yield the counts as text."""
-        done = ", ".join(f"{name} {n}" for name, n in sorted(self.changed.items()) if n)
+        told = sorted((self.changed + self.kept).items())
+        done = ", ".join(f"{name} {n}" for name, n in told)
         yield f"{self.taken} frames from the ECU, {self.given} passed on; {done or 'none changed'}"
 
 
@@ -182,7 +184,7 @@ class Injector:
         if sound and acting:
             frame = self._rewritten(writer, frame, acting)
         elif key == self._key and not sound:
-            self.counts.changed["unsound, left as it is"] += 1
+            self.counts.kept["unsound, left as it is"] += 1
         return self._frames.push(frame, key, sound=sound)
 
     def _rewritten(

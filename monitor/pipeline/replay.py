@@ -13,7 +13,7 @@ from monitor.base.errors import MissingSignalsError
 from monitor.base.files.manifest import entry_of, sha256_of
 from monitor.decode.bus_map import BusMap, load_pairs
 from monitor.grid.block_samples import Clearing
-from monitor.grid.tables import Table
+from monitor.grid.tables import Table, is_table
 from monitor.judge.limits import NO_LIMITS, Limits
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.store import Memory
@@ -23,7 +23,7 @@ from monitor.pipeline.collector import Collector, Trace
 from monitor.pipeline.entry import check_long_enough
 from monitor.pipeline.events import BlockEvent, CycleStarted
 from monitor.pipeline.monitor import Judge, SensorMonitor, slices
-from monitor.pipeline.recordings import OpenRecording, RecordingReader
+from monitor.pipeline.recordings import OpenRecording, RecordingReader, table_of_model
 
 Listeners = Callable[[SensorMonitor], Callable[[BlockEvent], None]]
 SCHEMA = "o2mon.replay/1"
@@ -90,24 +90,36 @@ def replay(
     Raises RecordingError, SignalMapError or ModelError.
     """
     sha256 = sha256_of(path)
-    reader = RecordingReader(setup.bus_map, setup.model.card, setup.columns)
+    if is_table(path):
+        table = table_of_model(path, setup.columns, setup.model.card)
+        found = judged_table(table, sha256, setup, memory, trace=trace, listeners=listeners)
+    else:
+        opened = RecordingReader(setup.bus_map, setup.model.card).open(path)
+        found = judged(opened, sha256, setup, memory, trace=trace, listeners=listeners)
+    return found[0] | {"source": entry_of(path, sha256).get("source")}, found[1]
+
+
+def judged_table(
+    table: Table, sha256: str | None, setup: Setup, memory: Memory | None = None, **how: Any
+) -> tuple[dict[str, Any], Trace]:
+    """Judge a table, as ``judged``; where it lacks signals of the model, by tests without one."""
     try:
-        opened = reader.open(path)
+        opened = RecordingReader(setup.bus_map, setup.model.card).table(table)
     except MissingSignalsError as lacking:
-        table = without_model.table_of(path, setup.columns, lacking)
-        if table is None:
+        if not without_model.can_judge(table, lacking):
             raise
         recording = _without_model(table, sha256, setup.config, memory, lacking)
-        series = without_model.series(table)
-    else:
-        recording, series = judged(opened, sha256, setup, memory, trace=trace, listeners=listeners)
-    return recording | {"source": entry_of(path, sha256).get("source")}, series
+        return recording, without_model.series(table)
+    return judged(opened, sha256, setup, memory, **how)
 
 
 def _without_model(
-    table: Table, sha256: str, config: Config, memory: Memory | None, lacking: MissingSignalsError
+    table: Table,
+    sha256: str | None,
+    config: Config,
+    memory: Memory | None,
+    lacking: MissingSignalsError,
 ) -> dict[str, Any]:
-    """Return the entry of a table that lacks signals of the model: tests without a model judge."""
     store = store_of(memory, config.profile)
     recording = {"path": str(table.path), "sha256": sha256}
     recording |= without_model.judge(table, store, config, lacking)

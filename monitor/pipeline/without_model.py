@@ -4,7 +4,6 @@ The electrical tests judge the wideband sensor where the log has its reading and
 the catalyst is judged where it has the voltage behind it.
 """
 
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +12,7 @@ from monitor.base.config import Config
 from monitor.base.errors import CoarseTableError, MissingSignalsError
 from monitor.base.signals import OUTPUT
 from monitor.grid.table_samples import table_block
-from monitor.grid.tables import Table, is_table, read_table
+from monitor.grid.tables import Table
 from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.judge.causes.causes import Cause
 from monitor.judge.counters import Counters
@@ -31,19 +30,15 @@ TESTS: Final = ("communication", "range", "ready", "activity")
 PULSE: Final = "injector_pulse_width_ms"
 
 
-def table_of(path: Path, columns: Path | None, lacking: MissingSignalsError) -> Table | None:
-    """Return the table if some test can judge it, None for any other recording.
+def can_judge(table: Table, lacking: MissingSignalsError) -> bool:
+    """Return whether some test can judge the table.
 
     lacking : why the model cannot judge it
     An own table that lacks a column is a mistake of its maker; a logger's file lacks what its car
     does not tell.
     """
-    if not is_table(path):
-        return None
-    table = read_table(path, columns)
     may_lack = bool(table.profile) or isinstance(lacking, CoarseTableError)
-    has_reading = may_lack and {OUTPUT, ENGINE} <= set(table.names)
-    return table if VOLTAGE in table.names or has_reading else None
+    return VOLTAGE in table.names or (may_lack and {OUTPUT, ENGINE} <= set(table.names))
 
 
 def judge(

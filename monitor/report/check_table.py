@@ -9,6 +9,7 @@ import numpy as np
 
 from monitor.base.config import load
 from monitor.base.counts import counted, plain
+from monitor.base.files.manifest import entry_of
 from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
 from monitor.frames.profiles.profile import is_profile, path_of, shipped
@@ -175,7 +176,7 @@ def check_table(
         how = "given" if columns is not None else "recognised by its columns"
         own = recognised(raw) if columns is None else None
         if columns is None and (own is None or own.name != table.profile):
-            how = "of the model"
+            how = "of the log that it is made of" if raw.names[0] == TIME else "of the model"
         elif own is not None and own.name not in shipped():
             how += f", your own of {own.file}"
         header.append(f"{raw.kind}, {len(raw.columns)} columns")
@@ -196,7 +197,7 @@ def is_of_logger(path: Path, columns: Path | None) -> bool:
         return False
     if columns is not None:
         return is_profile(path_of(columns))
-    return open_table(path).names[:1] != (TIME,)
+    return open_table(path).names[:1] != (TIME,) or bool(entry_of(path).get("profile"))
 
 
 def rename(table: Table) -> str:

@@ -28,6 +28,7 @@ def outcomes(report: Path) -> dict[str, tuple[str, str | None, str | None]]:
         assert element.get("tests") == str(len(tags))
         assert element.get("failures") == str(tags.count("failure"))
         assert element.get("skipped") == str(tags.count("skipped"))
+        assert element.get("errors") == str(tags.count("error"))
     return found
 
 
@@ -78,6 +79,25 @@ def test_each_of_several_scenarios_is_one_test(
     assert said and said.startswith("drive 1: P015A within 5 s, seen P015A pending (delay_rich")
     lines = capsys.readouterr().out.splitlines()
     assert lines.index(passed) < lines.index(failed)
+
+
+def test_a_test_that_cannot_be_tried_is_an_error_beside_the_others(
+    ninety_seconds: Path, tmp_path: Path
+) -> None:
+    # GIVEN a drive and a log that is gone, and a bus that nobody has
+    gone, report = tmp_path / "gone.log", tmp_path / "r.xml"
+    scenario, junit = str(SCENARIOS / "silent_ecu.toml"), ["--junit", str(report)]
+    # WHEN they are to be judged THEN the file has the error under the name of what was tried
+    assert cli.main(["replay", str(ninety_seconds), str(gone), *junit]) == 2
+    passed, (name, told) = outcomes(report).items()
+    assert passed[0] == str(ninety_seconds)
+    assert (name, told) == (str(gone), ("error", None, f"{gone}: No such file or directory"))
+    bus = ["-i", "socketcan", "-c", "nosuch0", "--to-channel", "nosuch1"]
+    assert cli.main(["inject", *bus, "--scenario", scenario, "--assert", *junit]) == 2
+    [(name, (tag, _, message))] = outcomes(report).items()
+    assert name.startswith(scenario)
+    assert tag == "error"
+    assert message and "cannot open the bus (socketcan nosuch0)" in message
 
 
 @pytest.mark.parametrize(

@@ -196,7 +196,7 @@ def test_frames_that_are_not_sound_are_passed_as_they_are() -> None:
     out = list(injector.stream(frames))
     assert out[1:3] == frames[1:3]
     assert out[0] != frames[0]
-    assert injector.counts.changed["unsound, left as it is"] == 2
+    assert injector.counts.kept["unsound, left as it is"] == 2
 
 
 def test_only_the_message_that_carries_lambda_is_touched() -> None:

@@ -246,21 +246,47 @@ def test_a_table_with_a_late_sensor_has_the_code_of_a_late_sensor(
     assert not np.isclose(before["lambda_measured"], after["lambda_measured"])[600:].all()
 
 
-def test_a_logger_s_file_becomes_a_table_whose_pinned_readings_stay(tmp_path: Path) -> None:
+def cold_log(folder: Path, n_cold: int) -> tuple[Path, np.ndarray]:
+    """Write a logger's file with its profile beside it; return it and the AFR, 22.3 while cold."""
     own = drive(400)
-    own["afr"][:50] = 22.3  # the controller's value for a cold sensor
-    cells = {"Time": own["t_s"], "RPM": own["rpm"], "AFR": own["afr"]}
-    log = write_text_table(tmp_path / "drive.csv", cells)
-    profile = tmp_path / "own.toml"
-    profile.write_text(
-        'time = "Time"\n[signals]\nengine_speed_rpm = "RPM"\n'
+    own["afr"][:n_cold] = 22.3  # the controller's value for a cold sensor
+    (folder / "own.toml").write_text(
+        'time = "Time"\n[[recognise]]\ncolumns = ["Time", "RPM", "AFR"]\n'
+        '[signals]\nengine_speed_rpm = "RPM"\n'
         'lambda_measured = { column = "AFR", unit = "AFR", pinned = [22.3] }\n'
     )
+    cells = {"Time": own["t_s"], "RPM": own["rpm"], "AFR": own["afr"]}
+    return write_text_table(folder / "drive.csv", cells), own["afr"]
+
+
+def test_a_logger_s_file_becomes_a_table_that_is_read_as_the_log(tmp_path: Path) -> None:
+    log, afr = cold_log(tmp_path, 50)
     out = tmp_path / "out.csv"
-    assert inject(log, "--out", out, "--profile", profile, "--fault", "biased_lean=0.1") == 0
-    moved = columns(out)["lambda_measured"] - own["afr"] / 14.7
+    assert inject(log, "--out", out, "--fault", "biased_lean=0.1") == 0
+    moved = columns(out)["lambda_measured"] - afr / 14.7
     assert moved[:50] == pytest.approx(np.zeros(50), abs=1e-6)
     assert moved[50:] == pytest.approx(np.full(350, 0.1), abs=1e-4)
+    # THEN what is pinned stays so, and a model of another car is no hindrance
+    read = read_table(out)
+    assert read.profile == "own"
+    assert read.pinned is not None
+    assert np.flatnonzero(read.pinned.any(axis=1)).tolist() == list(range(50))
+    assert [cli.main(["replay", str(path)]) for path in (log, out)] == [3, 3]
+    assert [cli.main(["check", str(path)]) for path in (log, out)] == [0, 0]
+
+
+def test_a_fault_that_changes_nothing_meets_no_expectation(tmp_path: Path, capsys: Capture) -> None:
+    # GIVEN a logger's drive whose sensor is cold for 20 s, and a fault of 30 s and of 15 s
+    log, _ = cold_log(tmp_path, 200)
+    scenario = tmp_path / "cold.toml"
+    for end_s, code in ((30.0, 0), (15.0, 1)):
+        scenario.write_text(
+            f'[[fault]]\nname = "biased_lean"\nend_s = {end_s}\n'
+            '[[expect]]\ncode = "none"\njudged = false\n'
+        )
+        # WHEN it is asserted, without a model of the car THEN a fault that acts is wanted
+        assert inject(log, "--scenario", scenario, "--assert") == code
+    assert "a fault that changes something  nothing changed" in capsys.readouterr().out
 
 
 def test_a_sensor_that_is_not_ready_leaves_blanks_and_says_so(tmp_path: Path) -> None:
