@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.option_kinds import BUS, ActsOn
 from monitor.base.command_line.parameters import ColumnNames
 from monitor.base.errors import UsageError
 from monitor.base.signals import OUTPUT
@@ -53,16 +54,14 @@ class CheckOptions(SetupOptions, ColumnNames, ObdOptions):
     seconds : time to listen to a bus, in s
     """
 
-    log: Annotated[Sequence[Path], paths.read, "LOG", _LOG] = field(default=(), kw_only=False)
+    log: Annotated[Sequence[Path], paths.recording, "LOG", _LOG] = field(default=(), kw_only=False)
     bus: Bus
     write_profile: Annotated[Path | None, paths.written, "FILE"] = None
-    seconds: Seconds = 5.0
+    seconds: Annotated[Seconds, ActsOn([BUS])] = 5.0
 
 
 def run(args: CheckOptions) -> int:
     """Say which signals are there, log by log; return the worst exit code."""
-    if args.log and getattr(args.bus, "interface", None):
-        raise UsageError("give either a LOG or a bus (-i, -c), not both")
     if args.write_profile:
         return _write_profile(args.log, args.write_profile)
     return max([_check(args, log) for log in args.log or (None,)])

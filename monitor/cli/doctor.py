@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.option_kinds import BUS, ActsOn
 from monitor.base.command_line.parameters import ColumnNames
 from monitor.base.counts import counted
 from monitor.base.errors import UsageError
@@ -52,13 +53,13 @@ class DoctorOptions(SetupOptions, ColumnNames):
         that use it hear nothing meanwhile
     """
 
-    log: Annotated[Sequence[Path], paths.read, "LOG", _LOG] = field(default=(), kw_only=False)
-    healthy: Annotated[Sequence[Path], paths.read, "LOG"] = ()
+    log: Annotated[Sequence[Path], paths.recording, "LOG", _LOG] = field(default=(), kw_only=False)
+    healthy: Annotated[Sequence[Path], paths.recording, "LOG"] = ()
     out: Annotated[Path, paths.folder, "DIR"] = Path("doctor")
     budget: Annotated[float, positive, "MIN"] = 10.0
     bus: Bus
-    seconds: Seconds = 5.0
-    scan: bool = False
+    seconds: Annotated[Seconds, ActsOn([BUS])] = 5.0
+    scan: Annotated[bool, ActsOn([BUS])] = False
 
 
 def also_written(args: argparse.Namespace) -> list[Path]:
@@ -76,8 +77,6 @@ def run(args: DoctorOptions) -> int:
     for the ECU, and write one page. Each step is a command that is printed.
     """
     if args.log:
-        if getattr(args.bus, "interface", None) or args.scan:
-            raise UsageError("give either a LOG or a bus (-i, -c, --scan), not both")
         from monitor.cli.log_doctor import diagnosed
 
         return diagnosed(args)

@@ -9,7 +9,8 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import ColumnNames, Input, Output
+from monitor.base.command_line.option_kinds import BUS, LOG, TABLE, ActsOn
+from monitor.base.command_line.parameters import OF_FRAMES, ColumnNames, Output
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import ConfigError, RecordingError, UsageError
 from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_address, open_bus, say, set_up
@@ -42,10 +43,8 @@ _HEARS_ITSELF = "udp_multicast"
 
 
 def _add_buses(parser: argparse.ArgumentParser) -> None:
-    from can.cli import add_bus_arguments
-
     add_bus(parser)
-    add_bus_arguments(parser, prefix="to", group_title="bus arguments of the other side")
+    add_bus(parser, prefix="to", group_title="bus arguments of the other side")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,15 +62,15 @@ class InjectOptions(SetupOptions, ColumnNames):
     duration : stop after this time in s (buses only)
     """
 
-    log: Annotated[Input | None, "LOG"] = field(default=None, kw_only=False)
-    out: Annotated[Path | None, paths.written, "LOG"] = None
+    log: Annotated[Path | None, paths.recording, "LOG"] = field(default=None, kw_only=False)
+    out: Annotated[Path | None, paths.written, ActsOn([LOG, TABLE]), "LOG"] = None
     fault: Annotated[Sequence[str], REPEATED, "NAME[=SEVERITY][@START[-END]]"] = ()
     scenario: Annotated[Sequence[Path], paths.read, "TOML", {"action": "extend"}] = ()
     check: Annotated[bool, "--assert"] = False
     junit: Output = None
     seed: int | None = None
-    keep_counters: bool = False
-    duration: Seconds | None = None
+    keep_counters: Annotated[bool, OF_FRAMES] = False
+    duration: Annotated[Seconds | None, ActsOn([BUS])] = None
     bus: Annotated[argparse.Namespace, _add_buses]
 
 
@@ -98,10 +97,6 @@ def run(args: InjectOptions) -> int:
 def _inject(args: InjectOptions, tests: "JunitRun") -> int:
     from monitor.inject.expected import case, compare, table
 
-    of_a_bus = {"interface", "bitrate", "fd", "data_bitrate", "timing", "bus_kwargs"}
-    buses = [k for k in vars(args.bus) if k in of_a_bus or k.startswith("to_")]
-    if args.log and (buses or args.duration):
-        raise UsageError("give either a LOG or two buses (-i, -c, --to-channel), not both")
     if args.log and not (args.out or args.check):
         raise UsageError("nothing to do with LOG: give --out, or --scenario and --assert")
     if len(args.scenario) > 1 and (args.out or not (args.log and args.check)):
@@ -160,8 +155,6 @@ def _buses(args: InjectOptions, scenario: "Scenario", setup: "Setup") -> "list[R
     from monitor.inject.injector import Injector
     from monitor.pipeline.replay import replay
 
-    if args.out:
-        raise UsageError("--out is for a LOG; o2mon run --record writes what is on a bus")
     if "to_channel" not in args.bus:
         raise UsageError("give the other side with --to-channel (and --to-interface), or a LOG")
     if scenario.n_drives > 1:

@@ -7,12 +7,15 @@ libraries are not installed, it says so, and the electrical tests need no model 
 import shlex
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from monitor.base.command_line.option_kinds import LOG, TABLE
 from monitor.base.errors import UsageError
 from monitor.cli.options import NOT_JUDGED, JudgeOptions, say, set_up, write_outputs
+from monitor.grid.tables import kinds_of
 
 if TYPE_CHECKING:
     from monitor.cli.doctor import DoctorOptions
@@ -27,30 +30,39 @@ def diagnosed(args: "DoctorOptions") -> int:
     from monitor.report.lines import print_recording
 
     args.out.mkdir(parents=True, exist_ok=True)
-    reading: Words = ["--profile", args.columns] if args.columns else []
-    reading += [word for dbc, map in args.pairs for word in ("--dbc", dbc, "--map", map)]
-    reading += ["--channel", args.bus.channel] if getattr(args.bus, "channel", None) else []
-    model = args.model
+    model, force = args.model, ["--force"] if args.bus.force else []
     steps: dict[str, str] = {}
     if args.healthy and model is None:
         model = args.out / "car.onnx"
-        words: Words = [*args.healthy, "--out", model, "--budget", f"{args.budget:g}", *reading]
+        words: Words = [*args.healthy, "--out", model, "--budget", f"{args.budget:g}"]
+        words += [*_reading(args, args.healthy), *force]
         steps |= _step("o2train", "fit", *words)
     elif model is None:
         say("no --healthy logs, no --model: the shipped model judges, or electrical tests alone")
     of_model: Words = ["--model", model] if model else []
     settings: Words = ["--config", args.config] if args.config else []
     for log in args.log:
-        steps |= _step("o2mon", "check", log, *of_model, *reading, *settings)
+        steps |= _step("o2mon", "check", log, *of_model, *_reading(args, [log]), *settings)
     setup = set_up(replace(args, model=model), args.columns)
     judged = [replay(log, setup, trace=True) for log in args.log]
-    words = [*(args.healthy or args.log), "--out", args.out / "tables", *reading]
+    logs = args.healthy or args.log
+    words = [*logs, "--out", args.out / "tables", *_reading(args, logs), *force]
     steps |= _step("o2train", "tables", *words, may_fail=True)
     recordings, traces = [each for each, _ in judged], [trace for _, trace in judged]
     for recording in recordings:
         say("\n".join(print_recording(recording)))
     write_outputs(JudgeOptions(html=args.out / "report.html"), setup, recordings, traces, steps)
     return exit_code(recordings)
+
+
+def _reading(args: "DoctorOptions", logs: Sequence[Path]) -> Words:
+    """Return the options that say how to read these logs."""
+    kinds = {kind for log in logs for kind in kinds_of(log)}
+    words: Words = ["--profile", args.columns] if args.columns and TABLE in kinds else []
+    if LOG in kinds:
+        words += [word for dbc, map in args.pairs for word in ("--dbc", dbc, "--map", map)]
+        words += ["--channel", args.bus.channel] if getattr(args.bus, "channel", None) else []
+    return words
 
 
 def _step(program: str, *words: str | Path, may_fail: bool = False) -> dict[str, str]:

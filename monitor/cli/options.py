@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import BusFiles, Input, Output, SettingsFile
+from monitor.base.command_line.option_kinds import BUS, ActsOn
+from monitor.base.command_line.parameters import OF_FRAMES, BusFiles, Input, Output, SettingsFile
 from monitor.base.counts import plain
 from monitor.base.errors import BusError, UsageError
 
@@ -43,14 +44,20 @@ def hexadecimal(text: str) -> int:
     return int(text, 16)
 
 
-def add_bus(parser: argparse.ArgumentParser) -> None:
-    """Add python-can's bus options."""
+def add_bus(parser: argparse.ArgumentParser, **side: Any) -> None:
+    """Add python-can's bus options.
+
+    side : keywords of ``can.cli.add_bus_arguments``
+    """
     from monitor.frames.text.python_can import import_without_mdf
 
     import_without_mdf()
     from can.cli import add_bus_arguments
 
-    add_bus_arguments(parser)
+    n_before = len(parser._actions)
+    add_bus_arguments(parser, **side)
+    for action in parser._actions[n_before:]:
+        (OF_FRAMES if action.dest == "channel" else ActsOn([BUS])).mark(action)
 
 
 Bus = Annotated[argparse.Namespace, add_bus]
@@ -95,10 +102,10 @@ class ObdOptions:
         counterparts in turn, until one is answered)
     """
 
-    obd: bool = False
-    obd_rate: Hertz = 12.0
-    obd_optional: bool = False
-    obd_request: Annotated[int | None, hexadecimal, "ID"] = None
+    obd: Annotated[bool, OF_FRAMES] = False
+    obd_rate: Annotated[Hertz, ActsOn([BUS])] = 12.0
+    obd_optional: Annotated[bool, ActsOn([BUS])] = False
+    obd_request: Annotated[int | None, hexadecimal, ActsOn([BUS]), "ID"] = None
 
     def __post_init__(self) -> None:
         """Raise UsageError for options without effect."""

@@ -36,7 +36,7 @@ class ReplayOptions(JudgeOptions, ColumnNames, LogChannel, SinkOptions):
     quiet : print nothing per recording
     """
 
-    log: Annotated[Sequence[Path], paths.read, "LOG", {"help": LOGS}] = field(kw_only=False)
+    log: Annotated[Sequence[Path], paths.recording, "LOG", {"help": LOGS}] = field(kw_only=False)
     windows: bool = False
     junit: Output = None
     quiet: Quiet = False

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from monitor.base.command_line.option_kinds import LOG, TABLE
 from monitor.base.errors import RecordingError
 from monitor.base.files.manifest import entry_of
 from monitor.base.signals import OUTPUT
@@ -52,6 +53,12 @@ def is_table(path: str | Path) -> bool:
         return False
     except (OSError, EOFError, ValueError):
         return suffix_of(path) != ".csv"
+
+
+def kinds_of(path: Path) -> set[str]:
+    """Return what a recording is for the options: a log, a table, an .mf4 file either."""
+    kinds = {TABLE if is_table(path) else LOG}
+    return {LOG, TABLE} if suffix_of(path) == ".mf4" else kinds
 
 
 def checked_columns(given: Path) -> Path:

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import Input
 from training.cli.options import GridOptions, Names, tell_notes
 
 EXAMPLES = """examples:
@@ -15,7 +14,7 @@ EXAMPLES = """examples:
 
 
 def run(
-    recording: Input,
+    recording: Annotated[Path, paths.recording],
     *,
     out: Annotated[Path, paths.written],
     signals: Names | None = None,

@@ -39,7 +39,7 @@ class TablesCommand(TableParameters, GridOptions):
         an injector dead time beyond 0.05 ms
     """
 
-    recordings: Annotated[Sequence[Path], paths.read] = field(kw_only=False)
+    recordings: Annotated[Sequence[Path], paths.recording] = field(kw_only=False)
     out: Folder
     rough: bool = False
 

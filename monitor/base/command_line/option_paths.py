@@ -30,6 +30,7 @@ class PathRole:
 
 
 read = PathRole()  # a file that the command only reads
+recording = PathRole()  # a drive that it only reads
 written = PathRole()  # that it writes anew
 numbered = PathRole()  # to write; if it exists, the command adds a number to its name
 written_model = PathRole()  # a model to write; it may take the place of the shipped model
@@ -69,8 +70,8 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     def of(*roles: PathRole) -> list[Path]:
         return [each.path for role in roles for each in found if each.role is role]
 
-    memories = of(kept)
-    for path in of(read, kept):
+    memories, readable = of(kept), (read, recording)
+    for path in of(*readable, kept):
         if path.exists() and (kind := other_kind(path.stat().st_mode)):
             raise UsageError(f"{path}: is {kind}, a regular file is wanted")
     for path in of(folder):
@@ -84,7 +85,7 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
     replaced = [*of(written, written_model), *beside]
     goals = [*replaced, *lengthened]
     changed = _changed(args, of(written_model))
-    inputs = [each.path for each in found if each.role is read and each.option != changed]
+    inputs = [each.path for each in found if each.role in readable and each.option != changed]
     if changed and not of(written_model):
         goals.append(getattr(args, changed))
     for path in goals:
@@ -93,7 +94,7 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
                 raise UsageError(
                     f"{path}: belongs to the fault memory {memory}; choose another file to write"
                 )
-    manifests = [path.parent / manifest.NAME for path in of(read)]
+    manifests = [path.parent / manifest.NAME for path in of(*readable)]
     outputs.check(goals, [*inputs, *manifests, *memories])
     if not getattr(args, "force", False):
         check_replaced(replaced)

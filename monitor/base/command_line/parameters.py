@@ -3,17 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 from monitor.base.command_line import option_paths as paths
+from monitor.base.command_line.option_kinds import BUS, LOG, TABLE, ActsOn
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import UsageError
 
 Input = Annotated[Path, paths.read]
 Output = Annotated[Path | None, paths.written, "OUT"]
-Recordings = Annotated[Sequence[Path], paths.read, "RECORDING"]
+Recordings = Annotated[Sequence[Path], paths.recording, "RECORDING"]
 Quiet = Annotated[bool, "-q", "--quiet"]
 Number = Annotated[int, "N"]
+OF_FRAMES: Final = ActsOn([LOG, BUS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +27,8 @@ class BusFiles:
     map : signal map (.toml) of the --dbc before it; repeat it with --dbc
     """
 
-    dbc: Annotated[Sequence[Path], paths.read, REPEATED, "FILE"] = ()
-    map: Annotated[Sequence[Path], paths.read, REPEATED, "FILE"] = ()
+    dbc: Annotated[Sequence[Path], paths.read, REPEATED, OF_FRAMES, "FILE"] = ()
+    map: Annotated[Sequence[Path], paths.read, REPEATED, OF_FRAMES, "FILE"] = ()
 
     @property
     def pairs(self) -> list[tuple[Path, Path]]:
@@ -45,7 +47,7 @@ class LogChannel:
     channel : of a log that holds several buses, the one that is meant
     """
 
-    channel: Annotated[str, "NAME"] = ""
+    channel: Annotated[str, OF_FRAMES, "NAME"] = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +58,9 @@ class ColumnNames:
         shipped profile's name (default: the profile of a logger's file is recognised)
     """
 
-    columns: Annotated[Path | None, paths.read, "--profile", "--columns", "NAME|FILE"] = None
+    columns: Annotated[
+        Path | None, paths.read, ActsOn([TABLE]), "--profile", "--columns", "NAME|FILE"
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,8 +3,8 @@
 Positional parameters are positional arguments, keyword-only ones options. A parameter whose type is
 a dataclass adds the fields of that class; a parameter of type ``argparse.Namespace`` gets all that
 was parsed. ``Annotated`` tells what a type cannot, in any order: a function that turns a text into
-the value or adds arguments to a parser, option names, the metavar, ``REPEATED``, and a dict of
-further keywords of argparse. A line ``name : text`` of the docstring is the help of a parameter.
+the value or adds arguments to a parser, option names, the metavar, ``REPEATED``, ``ActsOn``, and a
+dict of further keywords of argparse. The docstring's line ``name : text`` is a parameter's help.
 
 >>> def shift(log: Annotated[str, "LOG"], *, delay_s: Annotated[float, "S"] = 0.5) -> str:
 ...     '''Shift a log.
@@ -28,6 +28,8 @@ from dataclasses import is_dataclass
 from functools import partial
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, Union, cast, get_args, get_origin, get_type_hints
+
+from monitor.base.command_line.option_kinds import ActsOn
 
 Command = Callable[..., Any]
 REPEATED: Final = ("repeated",)  # an option that is given once for each of its values
@@ -65,7 +67,11 @@ def add_options(parser: argparse.ArgumentParser, command: Command) -> None:
         else:
             text = helps.get(parameter.name, "")
             words, keywords = _argument(parameter, kind, several, told)
-            parser.add_argument(*words, **{"help": _help(text, parameter.default)} | keywords)
+            help_text = {"help": _help(text, parameter.default)}
+            action = parser.add_argument(*words, **help_text | keywords)
+            for each in told:
+                if isinstance(each, ActsOn):
+                    each.mark(action)
 
 
 def called(command: Command, args: argparse.Namespace) -> Any:

@@ -124,7 +124,9 @@ def test_no_command_writes_over_a_file_it_reads_under_any_name(
     path.write_text("read")
     leaf = leaf_of(program, words)
     goals = [a.dest for role in (paths.written, paths.written_model) for a in options(leaf, role)]
-    sources = [a.dest for role in (paths.read, paths.kept) for a in options(leaf, role)]
+    sources = [
+        a.dest for role in (paths.read, paths.recording, paths.kept) for a in options(leaf, role)
+    ]
     in_place = leaf.get_default("changed_in_place")
     names = alike(path)
     for goal in goals:
@@ -150,7 +152,7 @@ def test_no_command_writes_one_file_twice_or_over_a_manifest_beside_a_recording(
     manifest = tmp_path / "manifest.json"
     manifest.write_text("{}")
     for goal in goals:
-        for source in options(leaf, paths.read):
+        for source in [*options(leaf, paths.read), *options(leaf, paths.recording)]:
             chosen = {source.dest: str(tmp_path / "drive.log"), goal: str(manifest)}
             with pytest.raises(UsageError, match=r"manifest\.json: is read, too"):
                 paths.check(*parsed(program, words, chosen))
@@ -170,7 +172,9 @@ def test_no_command_reads_a_fifo(tmp_path: Path, program: str, words: tuple[str,
     fifo = tmp_path / "fifo.log"
     os.mkfifo(fifo)
     leaf = leaf_of(program, words)
-    for source in [a for role in (paths.read, paths.kept) for a in options(leaf, role)]:
+    for source in [
+        a for role in (paths.read, paths.recording, paths.kept) for a in options(leaf, role)
+    ]:
         with pytest.raises(UsageError, match="is a FIFO, a regular file is wanted"):
             paths.check(*parsed(program, words, {source.dest: str(fifo)}))
 
@@ -201,7 +205,7 @@ def test_files_without_an_option_of_their_own_are_not_written_over_what_is_read(
     leaf = leaf_of("o2train", words)
     is_folder = any(a.dest == "out" for a in options(leaf, paths.folder))
     out = tmp_path if is_folder else tmp_path / "model.onnx"
-    source = next(a.dest for a in options(leaf, paths.read))
+    source = next(a.dest for r in (paths.recording, paths.read) for a in options(leaf, r))
     with pytest.raises(UsageError, match="is read, too"):
         paths.check(*parsed("o2train", words, {"out": str(out), source: str(tmp_path / name)}))
 
@@ -252,3 +256,38 @@ def test_a_folder_to_write_into_is_no_file(tmp_path: Path) -> None:
 def test_results_may_go_to_a_pipe_and_twice_to_nowhere() -> None:
     chosen = {"json": "/dev/null", "html": "/dev/null"}
     paths.check(*parsed("o2mon", ("replay",), chosen))
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (
+            "o2mon inject TABLE --out o.csv --fault gain_low --keep-counters",
+            "for a CAN log or a bus",
+        ),
+        (
+            "o2mon replay LOG --columns NAMES",
+            "--profile/--columns is for a table, not for a CAN log",
+        ),
+        ("o2mon replay TABLE --channel 1", "--channel is for a CAN log or a bus, not for a table"),
+        ("o2mon check LOG --seconds 9", "--seconds is for a bus, not for a CAN log"),
+        ("o2mon check TABLE -i virtual", "-i/--interface is for a bus, not for a table"),
+        ("o2train fit TABLE TABLE --out m.onnx --dbc NAMES --map NAMES", "--dbc is for a CAN log"),
+        ("o2train gap --model NAMES --out o LOG --healthy LOG --profile NAMES", "is for a table"),
+    ],
+)
+def test_an_option_that_does_nothing_with_its_input_is_refused(
+    call: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {"LOG": "drive.log", "TABLE": "drive.csv", "NAMES": "names.toml"}
+    for name in files.values():
+        (tmp_path / name).write_text("time_s,lambda_measured\n0,1\n1,1\n")
+    program, *words = (
+        str(tmp_path / files[word]) if word in files else word for word in call.split()
+    )
+    assert (o2mon if program == "o2mon" else o2train).main(words) == 2
+    assert says in capsys.readouterr().err
+    # but one of two kinds of recordings may need it
+    both = [str(tmp_path / files[kind]) for kind in ("LOG", "TABLE")]
+    assert o2mon.main(["replay", *both, "--columns", "cobb"]) == 2
+    assert "is for a" not in capsys.readouterr().err

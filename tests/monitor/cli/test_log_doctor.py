@@ -68,6 +68,8 @@ def test_without_training_a_model_judges_without_tables(tmp_path: Path, capfd: O
     page.write_text("my own page")
     assert main(call) == 2
     assert "report.html: is there already; --force" in capfd.readouterr().err
+    assert main([*call, "--force"]) == 1  # which reaches the steps
+    assert re.search(r"\$ o2train tables .*--force", capfd.readouterr().out)
 
 
 @pytest.mark.usefixtures("no_training")
@@ -86,5 +88,5 @@ def test_a_log_and_a_bus_are_not_examined_together(capfd: Output) -> None:
     assert main(["doctor", str(LATE), "--scan"]) == 2
     assert main(["doctor", "--healthy", str(LATE)]) == 2
     *of_both, of_none = capfd.readouterr().err.splitlines()
-    assert [line.count("either a LOG or a bus") for line in of_both] == [1, 1]
+    assert [line.count("is for a bus, not for a CAN log") for line in of_both] == [1, 1]
     assert "nothing to examine: give a LOG" in of_none
