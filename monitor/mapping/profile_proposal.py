@@ -123,7 +123,17 @@ def _candidates(
                     fit = fit.doubted("a profile knows no 1 / lambda") if fit.is_phi else fit
                     entry = _entry(_by_words(name, column, fit))
                     found[name].append(SignalCandidate(name, column.name, fit, entry, ()))
+                elif stated and (fit := _of_other_unit(name, text, stated)):
+                    found[name].append(SignalCandidate(name, column.name, fit, column.name, ()))
     return found
+
+
+def _of_other_unit(name: str, text: str, stated: str) -> QuantityFit | None:
+    """Return the doubted fit of a column that is a signal by its name alone, not by its unit."""
+    sure, rest = match(QUANTITIES[name].phrases, words_of(text))
+    doubt = f"its unit {stated} is of another quantity: which factor and offset?"
+    is_said = sure >= SURE and not rest
+    return QuantityFit(sure, (f"its name says {text}",)).doubted(doubt) if is_said else None
 
 
 def _words(raw: RawTable, name: str) -> str:

@@ -242,6 +242,17 @@ def test_a_slow_uneven_log_has_its_own_grid(tmp_path: Path, step_s: float, perio
     assert table_period_ns(read_table(path)) == round(period_s * 1e9)
 
 
+def test_a_column_of_a_signal_s_name_in_another_unit_stands_as_a_comment(tmp_path: Path) -> None:
+    # GIVEN a sensor's voltage that is called lambda, and a pulse width by its abbreviation
+    cells = {"time": D["t_s"], "lambda [V]": LAMBDA, "pw_ms": np.linspace(1.0, 6.0, len(LAMBDA))}
+    draft = proposed(open_table(write_text_table(tmp_path / "own.csv", cells)))
+    # THEN the one says why it is no lambda, the other is the injectors'
+    why = "its unit V is of another quantity: which factor and offset?"
+    assert f"# lambda_measured: {why}" in draft
+    assert '#   lambda_measured = "lambda [V]"' in draft
+    assert '\ninjector_pulse_width_ms = "pw_ms"' in draft
+
+
 def test_a_logger_that_nobody_knows_is_one_toml_file_and_no_code(tmp_path: Path) -> None:
     # GIVEN a file that no profile knows
     columns = {
