@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from monitor.base.command_line.option_kinds import LOG, TABLE
+from monitor.base.command_line.parameters import reading_words
 from monitor.base.errors import UsageError
 from monitor.cli.options import NOT_JUDGED, JudgeOptions, say, set_up, write_outputs
 from monitor.grid.tables import kinds_of
@@ -58,11 +58,7 @@ def diagnosed(args: "DoctorOptions") -> int:
 def _reading(args: "DoctorOptions", logs: Sequence[Path]) -> Words:
     """Return the options that say how to read these logs."""
     kinds = {kind for log in logs for kind in kinds_of(log)}
-    words: Words = ["--profile", args.columns] if args.columns and TABLE in kinds else []
-    if LOG in kinds:
-        words += [word for dbc, map in args.pairs for word in ("--dbc", dbc, "--map", map)]
-        words += ["--channel", args.bus.channel] if getattr(args.bus, "channel", None) else []
-    return words
+    return [*reading_words(kinds, args.pairs, args.columns, getattr(args.bus, "channel", ""))]
 
 
 def _step(program: str, *words: str | Path, may_fail: bool = False) -> dict[str, str]:

@@ -1,12 +1,14 @@
 """The command ``o2train fleet``: judge all recordings of a fleet, one table row per recording."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 from monitor.base.command_line import option_paths as paths
-from monitor.base.command_line.parameters import SettingsFile
+from monitor.base.command_line.parameters import SettingsFile, reading_words
 from monitor.base.counts import counted
 from training.cli.options import CoreOptions, ReadOptions
 
@@ -80,7 +82,7 @@ def run(args: FleetCommand) -> int:
         result = fleet.run(drives, kit, args.out, done, jobs=args.n_jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
-    html, json_path, decided = fleet_page.write(args.out, kit, result)
+    html, json_path, decided = fleet_page.write(args.out, kit, result, partial(_replay, args))
     fleet.finish(args.out)
     print(
         f"{counted(result['drives'], 'recording')}, {result['driving_s'] / 3600.0:.1f} h: "
@@ -90,3 +92,13 @@ def run(args: FleetCommand) -> int:
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
     print(f"figures: {json_path}\nreport: {html}")
     return 0 if result["errors"] < result["drives"] else 3
+
+
+def _replay(args: FleetCommand, path: str) -> str:
+    """Return the command for the page of one drive."""
+    from monitor.grid.tables import kinds_of
+
+    kinds, settings = kinds_of(Path(path)), ["--config", args.config] if args.config else []
+    reading = reading_words(kinds, args.pairs, args.columns, args.channel)
+    words = [path, "--model", args.model, *reading, *settings, "--html", f"{Path(path).stem}.html"]
+    return shlex.join(["o2mon", "replay", *map(str, words)])

@@ -1,6 +1,6 @@
 """Parameters that commands of ``o2mon`` and ``o2train`` share, written once."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -61,6 +61,17 @@ class ColumnNames:
     columns: Annotated[
         Path | None, paths.read, ActsOn([TABLE]), "--profile", "--columns", "NAME|FILE"
     ] = None
+
+
+def reading_words(
+    kinds: Collection[str], pairs: Sequence[tuple[Path, Path]], columns: Path | None, channel: str
+) -> list[str]:
+    """Return the options that say how recordings of these kinds are read, for another command."""
+    words = ["--profile", str(columns)] if columns and TABLE in kinds else []
+    if LOG in kinds:
+        words += [str(word) for dbc, map in pairs for word in ("--dbc", dbc, "--map", map)]
+        words += ["--channel", channel] if channel else []
+    return words
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,13 +17,16 @@ import pytest
 from playwright.sync_api import Browser
 from scipy import stats
 
+import dbc
 from monitor.base import config
 from monitor.base.errors import UsageError
 from monitor.base.types import FloatArray
 from monitor.pipeline.replay import shipped_model
+from tests.conftest import ROOT
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives import fleet_drives
 from tests.helpers.drives.fleet_drives import Tables, assert_alike, judged, tables
+from training.cli import main as o2train
 from training.fleet import run as fleet
 from training.fleet.drives import drives_of
 from training.fleet.page import fleet_page, outliers, summary
@@ -221,7 +224,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     run = fleet.run(drives_of([str(drives)]), kit, out, lambda _: None)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(outliers, "LEAST_WINDOWS", 2)
-        return fleet_page.write(out, kit, run)[:2]
+        return fleet_page.write(out, kit, run, str)[:2]
 
 
 def test_the_plots_of_a_fleet_are_drawn(reported: tuple[Path, Path], browser: Browser) -> None:
@@ -256,9 +259,33 @@ def test_the_report_shows_the_fleet_and_what_was_not_judged(reported: tuple[Path
     assert "e+0" not in said  # a share of all, or a code in a short time
 
 
+def test_a_code_is_counted_once_for_a_drive_under_all_its_names() -> None:
+    names = [("P2195", "biased_lean", 3), ("P0133", "slow_symmetric", 2), ("P0133", "transient", 2)]
+    codes = [{"code": code, "fault": fault} for code, fault, _ in names]
+    drives = [{"vehicle": fault, "codes": [code]} for code, fault, n in names for _ in range(n)]
+    counts = {"vehicles": 9, "judged": 9, "errors": 0, "with_code": {"events": 7}}
+    said = fleet_page._verdict({"codes": codes, "drives_with_code": drives, **counts})
+    assert said.endswith("most often P0133 (slow symmetric or transient), in 4 recordings.")
+
+
+def test_the_command_of_a_drive_s_page_judges_it_as_the_fleet(tmp_path: Path) -> None:
+    # GIVEN a fleet of a table and a log with a model and a database of its own
+    log = ROOT / "replay_logs" / "delay_symmetric_micro_trips_v108_s112.blf"
+    pair = [arg for kind in ("dbc", "toml") for arg in (f"--{kind}", dbc.path(f"o2_ecu.{kind}"))]
+    options = ["--model", shipped_model(), *pair[:2], "--map", pair[3], "--channel", "1"]
+    out = ["--out", tmp_path / "f.parquet", "--jobs", "1"]
+    assert o2train(["fleet", str(log), *map(str, [*options, *out])]) == 0
+    # THEN its page has a command that can be pasted
+    [(path, *drive)] = re.findall(
+        r"o2mon replay (\S+) (.*?)</td>", (tmp_path / "f.html").read_text().replace("<wbr>", "")
+    )
+    assert path == str(log)
+    assert drive == [" ".join(map(str, [*options, "--html", f"{log.stem}.html"]))]
+
+
 def test_a_fleet_of_which_nothing_could_be_judged_is_reported(tmp_path: Path) -> None:
     (tmp_path / "empty.log").touch()
     kit, out = WorkerKit.of(shipped_model(), config.load()), tmp_path / "out.parquet"
     run = fleet.run(drives_of([str(tmp_path / "empty.log")]), kit, out, lambda _: None)
-    html, *_ = fleet_page.write(out, kit, run)
+    html, *_ = fleet_page.write(out, kit, run, str)
     assert "the log is empty" in html.read_text()

@@ -1,8 +1,9 @@
 """The report of a fleet: a page and the same figures as JSON."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
+from operator import itemgetter
 from pathlib import Path
-from shlex import quote
 from typing import Any, Final
 
 import polars as pl
@@ -24,10 +25,13 @@ ROWS: Final = 40  # of a table, at most
 SHOWN: Final = 10  # of them before the rest is folded
 
 
-def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path, int]:
+def write(
+    out: Path, kit: WorkerKit, run: Mapping[str, Any], replay: Callable[[str], str]
+) -> tuple[Path, Path, int]:
     """Write page and JSON beside the table ``out``; return paths and count of decided drives.
 
     run : what ``run.run`` returned
+    replay : returns the command that judges the recording of a path
     """
     recordings, tools = pl.read_parquet(out, glob=False), tools_of(kit)
     output = tools.model.card.output
@@ -49,7 +53,7 @@ def write(out: Path, kit: WorkerKit, run: Mapping[str, Any]) -> tuple[Path, Path
         distributions=draw.distribution_figure(judged, windows_path(out), tools.limits)
         if len(judged)
         else None,
-        drives=[_drive(each) for each in found["drives_with_code"][:ROWS]],
+        drives=[_drive(each, replay) for each in found["drives_with_code"][:ROWS]],
         more_drives=len(found["drives_with_code"]) - ROWS,
         standing=standing,
         standings=draw.standing_figure(standing, numbers) if standing else None,
@@ -77,11 +81,13 @@ def _verdict(found: Figures) -> str:
     if not vehicles:
         reason = ": no judged recording ends with one"
     else:
-        most = found["codes"][0]
+        often = Counter(c for each in found["drives_with_code"] for c in sorted({*each["codes"]}))
+        code, drives = max(sorted(often.items()), key=itemgetter(1))
+        names = [each["fault"] for each in found["codes"] if each["code"] == code]
         reason = (
             f", in {found['with_code']['events']:,} of {found['judged']:,} judged recordings; most "
-            f"often {most['code']} ({most['fault'].replace('_', ' ')}), in "
-            f"{counted(most['drives'], 'recording')}"
+            f"often {code} ({' or '.join(names).replace('_', ' ')}), in "
+            f"{counted(drives, 'recording')}"
         )
     failed = counted(found["errors"], "recording")
     return f"{text}{reason}." + (f" {failed} could not be judged." if found["errors"] else "")
@@ -129,10 +135,9 @@ def _named(named: dict[str, list[tuple[Standing, int]]], unit: str) -> list[tupl
     ]
 
 
-def _drive(each: Figures) -> tuple[str, ...]:
+def _drive(each: Figures, replay: Callable[[str], str]) -> tuple[str, ...]:
     """Return vehicle, codes, the command for the drive's page, its start, time of first code."""
-    set_at, path = each["first_code_s"], each["path"]
-    start = each["start"]
+    set_at, path, start = each["first_code_s"], each["path"], each["start"]
     return (
         breakable(each["vehicle"]),
         ", ".join(
@@ -141,7 +146,7 @@ def _drive(each: Figures) -> tuple[str, ...]:
                 each["codes"], each["faults"], each["states"], strict=True
             )
         ),
-        breakable(f"o2mon replay {quote(path)} --html {quote(Path(path).stem)}.html"),
+        breakable(replay(path)),
         start[:16].replace("T", NBSP) if start else MISSING,
         "earlier drive" if set_at is None else f"{set_at:.0f}{NBSP}s",
     )
