@@ -63,6 +63,24 @@ static void fill(o2_sample *sample, char *cell[MOST_COLUMNS], int n, const int p
     }
 }
 
+/* Name the signals that the table lacks; return whether it has the measured one. */
+static bool has_output(int n, const int place[MOST_COLUMNS])
+{
+    bool has[O2_N_SIGNALS] = {false};
+    for (int i = 0; i < n; i++) {
+        if (place[i] >= 0) {
+            has[place[i]] = true;
+        }
+    }
+    for (int i = 0; i < (int)O2_N_SIGNALS; i++) {
+        if (!has[i]) {
+            fprintf(stderr, "example: no column %s%s\n", o2_signal_names[i],
+                    (i == (int)O2_OUTPUT) ? ", nothing to judge" : "");
+        }
+    }
+    return has[O2_OUTPUT];
+}
+
 static void print(const o2_monitor *m, const o2_result *r, long tick)
 {
     static const char *const outcomes[] = {"passed", "failed", "inconclusive"};
@@ -98,6 +116,9 @@ int main(int argc, char *argv[])
     int n = cells(line, cell);
     for (int i = 0; i < n; i++) {
         place[i] = place_of(cell[i]);
+    }
+    if (!has_output(n, place)) {
+        return 2;
     }
     o2_init(&monitor, &o2_any_vehicle);
     for (long tick = 0; fgets(line, (int)sizeof(line), file) != NULL; tick++) {

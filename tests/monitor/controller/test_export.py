@@ -50,6 +50,12 @@ def test_it_compiles_and_judges_a_table(compiler: str, exported: Path, tmp_path:
     assert heard[1].stdout == heard[0].stdout
     lost = subprocess.run([out, tmp_path / "no.csv"], capture_output=True, text=True, check=False)
     assert (lost.returncode, lost.stderr) == (2, "example: cannot read the table\n")
+    # and a table without the sensor is no silent sensor
+    table.write_text("engine_speed_rpm\n" + "2000\n" * 250)
+    blind = subprocess.run([out, table], capture_output=True, text=True, check=False)
+    assert (blind.returncode, blind.stdout) == (2, "")
+    assert "example: no column lambda_measured, nothing to judge\n" in blind.stderr
+    assert "engine_speed_rpm" not in blind.stderr
 
 
 def test_its_files_are_replaced_but_never_another_program_s(exported: Path) -> None:
