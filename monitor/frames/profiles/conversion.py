@@ -11,6 +11,7 @@ from monitor.base.signals import BY_NAME, plausible_range
 from monitor.base.types import FloatArray
 from monitor.frames.profiles.profile import Profile, Source
 from monitor.frames.profiles.recognition import key, keys_of
+from monitor.frames.tables.cells import is_no_value
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import RawColumn, RawTable
 from monitor.frames.units import Unit, conversion, unit_of
@@ -78,17 +79,19 @@ def _fits(profile: Profile, choice: Choice, cells: FloatArray, place: int) -> bo
 def stated_texts(column: RawColumn) -> tuple[str, ...]:
     """Return the texts with which a file states a column's unit."""
     texts = column.unit, name_and_unit(column.name)[1]
-    return tuple(text for text in texts if text not in ("", "-"))
+    return tuple(text for text in texts if not (is_no_value(text) or text == "deg"))  # of what?
 
 
 def stated_unit(column: RawColumn, stoich_afr: float) -> str:
-    """Return the unit that a file states; of others in brackets, those that look like one."""
+    """Return the unit that a file states; of others in a name, those that look like one."""
     texts = stated_texts(column)
     known = [text for text in texts if unit_of(text, stoich_afr)]
     odd = [
         text
         for text in texts
-        if _OF_UNITS.search(text) or any(unit_of(word, stoich_afr) for word in _WORDS.findall(text))
+        if text == column.unit
+        or _OF_UNITS.search(text)
+        or any(unit_of(word, stoich_afr) for word in _WORDS.findall(text))
     ]
     return next(iter((*known, *odd)), "")
 

@@ -31,7 +31,9 @@ _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d
 _GERMAN: Final = {"mär": "mar", "mrz": "mar", "mai": "may", "okt": "oct", "dez": "dec"}
 THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700
 
-_MEASURE: Final = re.compile(r"\s*([-+]?\d[\d.,]*)\s*([^\d.,:;\s-][^\d]*?)\s*")  # 14.7 AFR
+_MEASURE: Final = re.compile(
+    r"\s*([-+]?\d[\d.,]*)\s*([^\d.,:;\s-](?:[^\d]*[^\d\s])?)\s*"
+)  # 14.7 AFR
 
 Parse = Callable[[str], float]
 

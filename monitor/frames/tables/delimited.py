@@ -24,7 +24,7 @@ from monitor.frames.tables.cells import (
     of_unit,
     of_words,
 )
-from monitor.frames.tables.dialect import Dialect, dialect_of, one_line, ungrouped
+from monitor.frames.tables.dialect import ANNOTATIONS, Dialect, dialect_of, one_line, ungrouped
 from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 
@@ -32,8 +32,8 @@ _ROWS: Final = 1 << 13  # of a block
 MOST_NAMES: Final = 4096  # of a table with one value a row
 # usual names of the columns of a table with one value a row: of the name, the value and the unit
 _LONG: Final = (
-    "pid name signal parameter channel variable sensor field item metric topic messwert",
-    "value wert reading valor valeur payload messwert",
+    "pid name signal parameter channel variable sensor field item metric topic entity_id messwert",
+    "value wert reading valor valeur payload state messwert",
     "units unit einheit uom unidad unité",
 )
 # of a last column, which rows may lack
@@ -68,7 +68,9 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     if name is None or value in (None, name) or dialect.columns[name].kind != "text":
         return None
     units, said = dict[str, str](), [""]  # names, repeats left out
+    begin, row = list[str](), list[str]()
     for line, row in _rows(path, dialect, 0, Notes()):
+        begin = begin or row
         own = row[unit].strip() if unit is not None else ""
         if (before := units.setdefault(row[name].strip(), own)) != own:
             raise RecordingError(
@@ -80,7 +82,8 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
             said.append(row[name])
     first = [i for i in places.values() if i not in (name, value, unit)]
     columns = (*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items()))
-    order = first[0] if first and len(said) == len(units) + 1 > 2 else None
+    clocks = [i for i in first if dialect.columns[i].kind == "clock" and row[i] != begin[i]]
+    order = (clocks or first or [None])[0] if len(said) == len(units) + 1 > 2 else None
     read = partial(_read_long, path, dialect, (*first, *units), name, value, order)
     return RawTable(path, f"{dialect.kind}, one value a row", columns, read, dialect.preamble)
 
@@ -249,6 +252,7 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
     """Yield the rows of data; marks and repeated headers are counted and left out."""
     width, skip = len(dialect.columns), dialect.skip
     names = [column.name for column in dialect.columns]
+    bare = ["", *names[1:2]]  # of a first column without a name
     for row in reader:
         is_blank = not dialect.separator.join(row).strip()
         if is_blank or (dialect.row and not dialect.row.match(row[0])):
@@ -257,9 +261,11 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
             skip -= 1
         elif dialect.is_exact:
             yield row
+        elif row[0] in ANNOTATIONS:
+            continue
         elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
             notes.count("markers")
-        elif len(row) >= width and [cell.strip() for cell in row[:2]] == names[:2]:
+        elif len(row) >= width and [cell.strip() for cell in row[:2]] in (names[:2], bare):
             pairs = zip(map(one_line, row), names, strict=False)
             new = [cell for cell, name in pairs if cell and not f"{name}#".startswith(f"{cell}#")]
             if new:

@@ -43,10 +43,11 @@ _LETTERS: Final = {
         rb"|.*[a-z](?:[\xb3\xb9\xbe\xbf][a-z]|[\x9a\x9c-\x9f])"
     ),
 }
+ANNOTATIONS: Final = ("#group", "#datatype", "#default")  # first cells of InfluxDB's, no names
 _HEADER_ENDS: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.I)  # LabVIEW's
 _GROUPS: Final = re.compile(r"-?[1-9]\d{0,2}(?:(['’.\xa0\u202f])\d{3})+(?:[.,]\d+)?")  # 3.645
-_IN_BRACKETS: Final = re.compile(r"(.+?)\s*[(\[{]((?:[^()\[\]{}]|\(\w\))*)[)\]}]\s*")
-_BEHIND_COMMA: Final = re.compile(r"(.+?),\s*([^,]+)")
+_IN_BRACKETS: Final = re.compile(r"(.*\S)\s*[(\[{]((?:[^()\[\]{}]|\(\w\))*)[)\]}]\s*")
+_BEHIND_COMMA: Final = re.compile(r"(.+?),\s*+([^,]+)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,6 +206,7 @@ def _is_wide(row: Sequence[str], width: int) -> bool:
     Text in its first cell alone is a comment.
     """
     is_comment = width > 2 and bool(row[0].strip()) and not any(map(str.strip, row[1:]))
+    is_comment |= row[0] in ANNOTATIONS
     return 0.8 * width <= len(row) <= width + 1 and not is_comment
 
 
@@ -235,7 +237,8 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
     for i in range(max(map(len, header))):
         name, unit = _cell(names, i), _bare(_cell(units or [], i))
         more = tuple(cell for row in others if row is not names and (cell := _cell(row, i)))
-        unit = unit or next(filter(None, (name_and_unit(each)[1] for each in more)), "")
+        told = (name_and_unit(each)[1] for each in more)
+        unit = (unit if any(has_unit) else "") or next((t for t in told if unit_of(t, 1.0)), "")
         if not name and len(header) > 1:  # of a clock beside others
             unit = unit if unit_of(unit, 1.0) and len(below) > 1 else ""
             told = (_cell(row, i) for row in below if not unit or row is not units)

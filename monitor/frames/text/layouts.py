@@ -5,6 +5,7 @@ none. Sources: the tools' documentation and logs, and the formats that SavvyCAN 
 """
 
 import csv
+import math
 import re
 import tomllib
 from base64 import b64decode
@@ -15,6 +16,7 @@ from datetime import datetime, timedelta, timezone
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any, Final, NamedTuple
 
 from monitor.base.errors import RecordingError
@@ -55,7 +57,7 @@ class TextLayout:
     other: re.Pattern[str]  # lines that are no frame
     time_s: Callable[[str], float] = _seconds
     id_base: int = 0  # of identifiers, 0 that of the data
-    wraps: bool = False  # the time of day, which begins anew at midnight
+    wraps_s: float = math.inf  # after which a clock or a counter begins anew
     ends_lines: bool = False  # with a line end, the last one, too
     joined: Callable[[Iterator[str]], Iterator[str]] = iter  # lines of frames from those of a file
 
@@ -88,8 +90,9 @@ _CELLS: Final = {  # of a line, as the patterns below name them
     "data": r"(?P<data>(?:(?:\s+|[;,])(?:0x)?[0-9a-f]{1,3}\b)*)",
 }
 _ROW: Final = (
-    r"(?P<time>\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?|\d{10}\.\d+|\d{13,19}|\d+\.\d{4,})"
-    r"[,; \t]+(?:[RT]X[,; \t]+)?(?:0x)?(?P<id>[0-9a-f]{3,7}|(?P<ext>[0-9a-f]{8}))[,; \t]+"
+    r"\[?(?P<time>(?:\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d(?:\.\d+)?|\d{10}\.\d+|\d+(?:\.\d{4,})?)"
+    r"\]?:?[,; \t]+(?:[RT]X[:,; \t]+)?"
+    r"(?P<id>0x[0-9a-f]{1,7}|[0-9a-f]{3,7}|(?P<ext>(?:0x)?[0-9a-f]{8})):?[,; \t]+"
     r"(?:(?:\[(?P<length>\d+)\]|(?P<dlc>\d))[,; \t]+)?"
     r"(?P<data>[0-9a-f]{2}(?:[,; \t]?[0-9a-f]{2})*)(?:[,; \t]+[RT]|[ \t]+<.*)?[,;]*"
 )
@@ -102,6 +105,7 @@ _DATE: Final = re.compile(
 )
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
+_COUNT_US: Final = float(1 << 32)  # after which a sketch's micros() begins anew
 _CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and not every 3000 µs
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
@@ -143,12 +147,15 @@ def _saleae(lines: Iterator[str]) -> Iterator[str]:
             yield " ".join(map(str, row.values()))  # damaged
 
 
-CANDUMP: Final = _layout(  # its error frames have a flag in their identifier
+_CANDUMP_FRAME: Final = (  # its error frames have a flag in their identifier
+    r"(?P<channel>\S+) "
+    r"(?:(?P<error>[2367abef][0-9a-f]{7})#\S*|(?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8}))#"
+    r"(?:(?P<remote>r)\S*|(?:#\S?)?(?P<data>(?:[0-9a-f]{2}\.?)*)(?:_\S*)?))(?: .*)?"
+)
+CANDUMP: Final = _layout(
     "candump -L",
     r"\A\s*\(\d+\.\d+\) \S+ [0-9A-F]+#",
-    r"\((?P<time>-?[\d.]+(?:e[+-]?\d+)?)\) (?P<channel>\S+) "
-    r"(?:(?P<error>[2367abef][0-9a-f]{7})#\S*|(?P<id>[0-9a-f]{1,3}|(?P<ext>[0-9a-f]{4,8}))#"
-    r"(?:(?P<remote>r)\S*|(?:#\S?)?(?P<data>(?:[0-9a-f]{2}\.?)*)(?:_\S*)?))(?: .*)?",
+    rf"\((?P<time>-?[\d.]+(?:e[+-]?\d+)?)\) {_CANDUMP_FRAME}",
     time_s=float,
 )
 _ASC_DATA: Final = r"(?:d )?(?P<dlc>[0-9a-f]{1,2})(?P<data>(?: [0-9a-f]{1,3}\b(?!\s*=)){0,64})"
@@ -163,7 +170,7 @@ ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, erro
     r"@length@data(?:\s.*)?",
     r"@time (?:CANFD )?@channel (?:[RT]x )?(?P<error>ErrorFrame).*",
     # of a channel: a name that is no identifier behind its number
-    other=r"\s*(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s|\S+\s+[RT]x\s+[dr]\s)[a-z_]|J1939TP\s|"
+    other=r"\s*+(?:\d+\.\d+\s+(?:\d+\s+(?![0-9a-f]+x?\s|\S+\s+[RT]x\s+[dr]\s)[a-z_]|J1939TP\s|"
     r"\w+\s+Start of meas).*|(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)",
     ends_lines=True,
 )
@@ -202,15 +209,23 @@ CSV: Final = _layout(
     other=r"timestamp,arbitration_id,.*",
     ends_lines=True,
 )
+ROWS: Final = _layout(  # under no names; a clock, the digits or the steps tell the unit of time
+    "rows of frames",
+    rf"\A(?:{re.sub(r'[(][?]P<.*?>', '(?:', _ROW)}\s*(?:\n|\Z)){{2}}",
+    _ROW,
+    time_s=_told_s,
+    wraps_s=_DAY_S,
+)
 LAYOUTS: Final = (
     _layout(
         _CONSOLE,
         r"^ *\([\d.: -]+\) +\S+ +(?:[RT]X [-B] [-E] +)?[0-9A-F]{3,8} +\[\d+\]"
-        r"(?! +(?:[0-9A-F]{2}`|[01]{8}\b))",
+        r"(?! +(?:[0-9A-F]{2}`|[01]{8}\b))|\A\s*\(\d+-[\d.: +TZ-]+\) +\S+ +[0-9A-F]+#",
         r"\((?P<time>[\d.:\s-]+)\) (?P<channel>\S+) (?:[RT]X [-B] [-E] )?"
         r"(?P<id>[0-9a-f]{3}|(?P<ext>[0-9a-f]{8})) \[@length\]\s*"
         r"(?:(?P<remote>remote request)|(?P<data>(?:\s?[0-9a-f]{2}\b)*))"
         r"\s*(?P<error>ERRORFRAME)?(?: '.*')?",
+        rf"\((?P<time>\d+-[\d.:\s+TZ-]+)\) {_CANDUMP_FRAME}",  # of candump -L -tA
         other=r"[a-z-]+(?:\{.*)?|.*[$#>] ?candump.*|\^C.*",  # of error frames, of a shell
     ),
     _layout(
@@ -220,7 +235,7 @@ LAYOUTS: Final = (
         r"@clock @channel (?P<id>(?P<ext>\w+)) 0x\w+ \w+ \w+ \w+ \d+ [RT]x "  # J1939
         r"(?P<length>[1-5]?\d|6[0-4])@data",  # longer groups are of several frames
         other=r"\*\*\*.*|.*\bERR\b.*|[\d:]+\s+\d+\s+\w+\s+0x.*",
-        wraps=True,
+        wraps_s=_DAY_S,
     ),
     _layout(
         "CanHacker",
@@ -257,13 +272,26 @@ LAYOUTS: Final = (
         r"\b(?:dlc|len\w*)\W+@length\b.{0,20}?\bdata\W*(?P<data>(?:(?:\s|0x)*[0-9a-f]{2}\b){1,64})\W{0,9}",
         other=r"\D*",
         time_s=_counted_s,
-        wraps=True,
+        wraps_s=_DAY_S,
     ),
     _layout(
         "python-can",
-        r"^Timestamp: +\d+\.\d+ +ID: ",  # printed, and data sets of intrusions
-        r"Timestamp: @time ID: @short(?: (?:(?P<remote>R)|(?P<error>E)|\w+))* DLC?: "
+        r"^.{0,60}\bTimestamp: +\d+\.\d+ +ID: ",  # printed, logged, and data sets of intrusions
+        r".{0,60}\bTimestamp: @time ID: @short(?: (?:(?P<remote>R)|(?P<error>E)|\w+))* DLC?: "
         r"@length@data(?: (?:.*Channel: (?P<channel>\S+))?.*)?",
+    ),
+    _layout(
+        "GVRET on its serial line",
+        "",
+        r"(?P<time>\d+) - @id (?:S|(?P<ext>X)) @channel @length@data",
+        time_s=lambda text: int(text) / 1e6,
+        wraps_s=_COUNT_US / 1e6,
+    ),
+    _layout(
+        "CARBUS Analyzer",
+        r"\A@ TEXT @",
+        r"@time @channel [0-9a-f]{8} @short @length@data(?:\t.*)?",
+        other=r"[@#].*",
     ),
     _layout(
         "socketcand",
@@ -284,27 +312,22 @@ LAYOUTS: Final = (
         r"(?P<time>[\d.e-]+) @id(?: @remote)?@data \| (?P<channel>.*)",
         joined=_saleae,
     ),
-    _layout(  # under no names; a clock, the digits or the years since 1970 tell the unit of time
-        "rows of frames",
-        rf"\A(?:{re.sub(r'[(][?]P<.*?>', '(?:', _ROW)}\s*(?:\n|\Z)){{2}}",
-        _ROW,
-        time_s=_told_s,
-    ),
+    ROWS,
     CSV,
     PEAK,
     ASC,
 )
 TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …, see ``_table``
-    "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#%\u0080-\uffff].*", wraps=True
+    "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#%\u0080-\uffff].*", wraps_s=_DAY_S
 )
-_REST: Final = r'(?:"[^"]*"|[^{sep}]*)'  # a cell; {sep} parts them
+_REST: Final = r'(?:"[^"]*"|[^{sep}]*+)'  # a cell; {sep} parts them
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _OF: Final = r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
         r"(?:abs|start|rx|(?!delta|rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|"
-        "系统时间|时间标识",
-        r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*)',
+        "seconds|系统时间|时间标识|时间",
+        r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*+)',
     ),
     (
         rf"{_OF}(?:id|identifier|addr\w*)(?:_...)?\b.*|帧?id号?",
@@ -312,21 +335,22 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
     ),
     (
         r"(?:bus|channel|ch|chn|kanal|interface|network)(?:channel)?|(?:can)?通道号?",
-        r"(?P<channel>[^{sep}]*)",
+        r"(?P<channel>[^{sep}]*+)",
     ),
     (rf"{_OF}(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
     (r"(?:is_)?ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
     (r"(?:is_)?(?:remote|rtr)", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
     (r"type|帧类型", rf"(?:(?P<remote>rem\w*|rtr|远程帧)|{_REST})"),
     (r"er|(?:is_)?err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
-    (r"flags?", r'(?P<flags>[^{sep}"]*)'),
+    (r"flags?", r'(?P<flags>[^{sep}"]*+)'),
     (
-        rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|数据(?:\(hex\))?",
-        r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*|[0-9a-fx: ]*)\]?",  # of a list with commas
+        rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|message|"
+        r"数据(?:\(hex\))?",
+        r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*+|[0-9a-fx: ]*+)\]?",  # of a list with commas
     ),
     (
         r"(?:data|byte|d|b)[ _]?[01]",
-        r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *(?:0x)?[0-9a-f]{0,3} *){0,{further}})",
+        r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *+(?:0x)?[0-9a-f]{0,3} *+){0,{further}})",
     ),
 )
 # what is known and not read: suffixes or how it begins, what it is, and the tool that converts it
@@ -355,11 +379,8 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
     head = head_of(path, _HEAD_BYTES)
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
-    if CANDUMP.begins.match(text):
-        return LayoutFound(CANDUMP, encoding)
     text = _COLOURS.sub("", text)
-    found = (each for each in LAYOUTS if each.begins.search(text))
-    layout = next(found, None) or _table(text)
+    layout = CANDUMP if CANDUMP.begins.match(text) else _known(text)
     for each in UNREAD["text"] if layout is None else ():
         if re.search(each["begins"], text, _ANY | re.M):
             told = f"a CAN log, {each['is']}: not read, convert it with {each['converter']}"
@@ -368,17 +389,51 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
     if layout is PEAK:
         return _peak(text, encoding)
     if layout is not None:
+        start_s = _start_s(text) if layout is ASC else 0.0
+        layout = _asc(text) if layout is ASC else layout
         rows = list(filter(None, map(layout.match, text.splitlines())))
         if rows and ":" in rows[0]["time"]:
             layout = replace(layout, time_s=ColumnClock())
         says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec|data field: DEC", text, _ANY | re.M)
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
-        start_s = _start_s(text) if layout is ASC else 0.0
         fd = " ".join(row["data"] for row in rows if row.groupdict().get("fd"))
         fd_base = 16 if re.search("[a-f]", fd, re.I) else base  # CANoe's, beside decimal ones
         deltas = _are_deltas(layout, rows, text)
         return LayoutFound(layout, encoding, base, deltas, start_s, fd_base)
     return LayoutFound(encoding=encoding)
+
+
+def _known(text: str) -> TextLayout | None:
+    """Return the layout that the first lines tell, None if it is none that is read."""
+    layout = next((each for each in LAYOUTS if each.begins.search(text)), None)
+    if layout is not ROWS:
+        return layout or _table(text)
+    rows = list(filter(None, map(ROWS.match, text.splitlines())))
+    times = [row["time"] for row in rows]
+    if not all(map(str.isdigit, times)):
+        return ROWS
+    steps = {int(b) - int(a) for a, b in pairwise(times)}
+    if min(steps) < 0 or max(steps) <= 1:  # a channel, or a counter of rows
+        return None
+    return replace(ROWS, **_times("", times, len({row["id"] for row in rows})))
+
+
+def _asc(text: str) -> TextLayout:
+    """Return Vector's layout; that of names in place of identifiers only where a line has it.
+
+    Raises RecordingError for names without the identifiers at the ends of the lines.
+    """
+    lines, (named, *numbered) = text.splitlines(), ASC.frames
+    if any(map(named.fullmatch, lines)):
+        return ASC
+    if any(each.fullmatch(line) for line in lines for each in numbered):
+        return replace(ASC, frames=tuple(numbered))
+    if re.search(r"^\s*\d+\.\d+\s+\d+\s+[a-z_]\w*\s+[RT]x\s+d\s", text, _ANY | re.M):
+        raise RecordingError(
+            "its frames have names in place of identifiers: not read, write it with numbers "
+            "(CANoe's numeric display, not the symbolic one)"
+        )
+    return ASC
 
 
 def _peak(text: str, encoding: str) -> LayoutFound:
@@ -416,9 +471,9 @@ def _table(text: str) -> TextLayout | None:
                 pattern = _table_row(names, sep)
                 if pattern and (rows := [*filter(None, map(pattern.fullmatch, below))]):
                     ids = {row["id"] for row in rows}
-                    time_s = _table_time(names, [row["time"] for row in rows], len(ids))
-                    base = _id_base(line, ids)
-                    return replace(TABLE, frames=(pattern,), time_s=time_s, id_base=base)
+                    named = next(n for n in names if re.fullmatch(_TABLE_COLUMNS[0][0], n))
+                    times = _times(named, [row["time"] for row in rows], len(ids))
+                    return replace(TABLE, frames=(pattern,), id_base=_id_base(line, ids), **times)
     return None
 
 
@@ -436,16 +491,20 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
             cells[place] = cell
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
     further = sum(bool(re.fullmatch(r"(?:data|byte|d|b)[ _]?\d+", name)) for name in names) - 1
-    body = rf'"? *{sep} *"?'.join(cells).replace("{sep}", sep).replace("{further}", f"{further}")
+    body = (
+        rf'"? *+{sep} *+=?"?'.join(cells).replace("{sep}", sep).replace("{further}", f"{further}")
+    )
     has_all = all(f"<{group}>" in body for group in ("time", "id", "data"))
-    return re.compile(rf'"?{body} *"?(?:{sep}.*)?', _ANY) if has_all else None
+    return re.compile(rf'=?"?{body} *+"?(?:{sep}.*)?', _ANY) if has_all else None
 
 
-def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[[str], float]:
-    """Return the way to seconds: by the column's unit, else as digits and identifiers tell it."""
+def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
+    """Return the way to seconds, and when the count begins anew, as fields of ``TextLayout``.
+
+    The unit of the column ``named`` tells it, else digits and identifiers.
+    """
     if any(mark in time for time in times for mark in ":Tt"):
-        return ColumnClock()
-    named = next(name for name in names if re.fullmatch(_TABLE_COLUMNS[0][0], name))
+        return {"time_s": ColumnClock()}
     said = {"millis": "ms", "micros": "us"}.get(named, named.rpartition("_")[2])
     unit = unit_of(name_and_unit(named)[1] or said, 1.0)
     values = list(map(_seconds, times))
@@ -453,13 +512,14 @@ def _table_time(names: Sequence[str], times: list[str], n_ids: int) -> Callable[
     if unit and unit.quantity == "time":
         step_s = unit.factor
     elif values[0] > 1e12:  # since 1970
-        return _told_s
+        return {"time_s": _told_s}
     elif any(mark in time for time in times for mark in ".,"):
         is_fine = any(re.search(r"[.,]\d{4}", time) for time in times)  # no ms are as fine
         step_s = 1.0 if step < 1.0 or is_fine else 1e-3
     else:
         step_s = 1e-6 if step * n_ids >= _CYCLE else 1e-3
-    return lambda text: _seconds(text) * step_s
+    wraps_s = min(_DAY_S, _COUNT_US * step_s)
+    return {"time_s": lambda text: _seconds(text) * step_s, "wraps_s": wraps_s}
 
 
 def _id_base(header: str, ids: set[str]) -> int:
@@ -487,12 +547,13 @@ def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
 def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]], text: str) -> bool:
     """Return whether times are those since the line before: Vector's and BusMaster's header say so.
 
-    Those of candump -td begin with 0, as with -tz, and fall, too.
+    Those of candump -td begin with 0, as with -tz, and the later ones are no larger.
     """
-    if layout.tool != _CONSOLE:
+    if layout.tool not in (_CONSOLE, CANDUMP.tool):
         return bool(_RELATIVE.search(text))
     times_s = [layout.time_s(row["time"]) for row in rows]
-    return times_s[:1] == [0.0] and any(b < a for a, b in pairwise(times_s))
+    middle = (len(times_s) + 1) // 2
+    return times_s[:1] == [0.0] and median(times_s[middle:] or [1.0]) <= max(times_s[:middle])
 
 
 def frames_of_lines(
@@ -521,8 +582,8 @@ def frames_of_lines(
                 continue
             else:
                 time_s = layout.time_s(match["time"]) + (before_s if found.deltas else 0.0)
-                if layout.wraps and time_s + late_s < before_s - _DAY_S / 2:
-                    late_s += _DAY_S
+                if time_s + late_s < before_s - layout.wraps_s / 2:
+                    late_s += layout.wraps_s
                 before_s = time_s + late_s
                 groups = match.groupdict()
                 frame = _frame(groups, before_s, found)

@@ -57,7 +57,7 @@ def frames_of_line(number: int, line: str, counters: LogCounters) -> Iterator[Fr
     if not line.strip():
         return
     try:
-        frame = frame_of_line(line)
+        frame = frame_of_line(line.strip())
     except ValueError:
         counters.leave_out(number, line, "'(seconds) channel id#data' is wanted")
         return

@@ -139,6 +139,27 @@ TABLES = {
         + rows(lambda i: f",0,2026-06-25T20:03:{i:02d}.1Z,{AFR[i] / 14.7},lambda"),
         {"engine_speed_rpm": "rpm", "lambda_measured": "lambda"},
     ),
+    "a database's annotated fields, one after another": (
+        "".join(
+            f"#group,false,true,false\n#datatype,string,time,string\n#default,_result,,\n"
+            f",result,_start,_time,_value,_field\n{lines}\n"
+            for lines in (
+                rows(lambda i: f",,2026-06-25T20:00:00Z,2026-06-25T20:03:{i:02d}Z,{RPM[i]},rpm"),
+                rows(lambda i: f",,2026-06-25T20:00:00Z,2026-06-25T20:03:{i:02d}Z,{AFR[i]},afr"),
+            )
+        ),
+        {"engine_speed_rpm": "rpm", "lambda_measured": "afr"},
+    ),
+    "states of a home": (
+        "entity_id,state,last_changed\n"
+        + rows(
+            lambda i: (
+                f"sensor.obd_rpm,{RPM[i]},2026-12-01T10:00:{i:02d}.000Z\n"
+                f"sensor.obd_lambda,{AFR[i] / 14.7},2026-12-01T10:00:{i:02d}.020Z"
+            )
+        ),
+        {"engine_speed_rpm": "sensor.obd_rpm", "lambda_measured": "sensor.obd_lambda"},
+    ),
     "units in words behind the values": (
         "timestamp,RPM,MAF,LAMBDA\n"
         + rows(
@@ -271,6 +292,22 @@ def test_no_other_column_is_proposed(tmp_path: Path, column: str, cells: str, si
     path.write_text(f"Time,RPM,{column}\n" + rows(lambda i: f"{i / 10},{RPM[i]},{cells or AIR[i]}"))
     assert cli.main(["check", str(path), "--write-profile", str(out)]) == 0
     assert signal not in tomllib.loads(out.read_text())["signals"]
+
+
+def test_a_unit_that_nobody_knows_is_one_in_a_row_of_units_too(
+    proposed: Proposed, tmp_path: Path
+) -> None:
+    # GIVEN a pressure in an unknown unit, under a name that draft or shipped profile know
+    body = rows(lambda i: f"{i / 10},{RPM[i]},{40 + i % 9},{AFR[i]},0")
+    # WHEN the draft reads it THEN it gives no line
+    table, _ = proposed("Time,RPM,MAP,AFR,X\ns,rpm,furlong,AFR,-\n" + body)
+    assert set(table.names) == {"engine_speed_rpm", "lambda_measured"}
+    # AND neither does the shipped profile, which says so
+    path = tmp_path / "known.csv"
+    path.write_text("Time (sec),RPM,Boost,AF Sens 1 Ratio,AP Info\ns,rpm,zorks,AFR,-\n" + body)
+    table = read_table(path)
+    assert "manifold_pressure_kpa" not in table.names
+    assert any("Boost: its unit zorks is none of" in line for line in table.notes.lines)
 
 
 def test_a_column_that_is_not_taken_says_why(tmp_path: Path) -> None:

@@ -90,6 +90,7 @@ def test_one_broken_line_costs_a_note_and_many_the_log(tmp_path: Path, name: str
         ("    No. Time   Source\n      1 0.0    CAN  ID: 194\n", "Wireshark: not read, convert"),
         ('"No.","Time","Source"\n"1","0.1","ID: 194 (0xc2)"\n', "Wireshark: not read, convert"),
         ("1.5 0C2 1 02\n2.5 0C3 1 03\n3.5 0C2 1 04\n", "rows of frames without names of columns"),
+        ("7 0C2 1 02\n8 0C3 1 03\n9 0C2 1 04\n", "rows of frames without names of columns"),
         (" (1.0)  can0  0C2   [2]  11`22\n", "candump -S or -i: not read, convert it with candump"),
     ],
 )
@@ -109,10 +110,10 @@ def test_a_binary_format_is_called_by_its_name(tmp_path: Path) -> None:
         read_blocks(tmp_path / "drive.pcapng")
 
 
-def test_a_log_of_names_instead_of_identifiers_shows_its_line(tmp_path: Path) -> None:
+def test_a_log_of_names_instead_of_identifiers_says_so(tmp_path: Path) -> None:
     path = tmp_path / "symbolic.asc"
     path.write_text("base hex timestamps absolute\n" + " 0.1 1  EngineData  Rx  d 1 FF\n" * 9)
-    with pytest.raises(RecordingError, match=r"line 2 is '0[.]1 1 EngineData Rx d 1 FF'"):
+    with pytest.raises(RecordingError, match="names in place of identifiers: not read, write"):
         list(read_frames(path))
 
 
@@ -128,6 +129,34 @@ def test_a_hostile_line_costs_itself_and_little_time(tmp_path: Path, line: str) 
     path, counters = tmp_path / "hostile.asc", LogCounters()
     path.write_text(f"base hex timestamps absolute\n0.1 1 0C2 Rx d 1 01\n{line}\n")
     assert len(list(read_frames(path, counters))) == counters.damaged == 1
+
+
+@pytest.mark.parametrize(
+    "row", ["0.1,C2,{}x,01,02", "0.1,C2,,01{}x", "10:00:00{}x", "0.1{}", "{}17"]
+)
+def test_blanks_cost_a_table_of_frames_little_time(tmp_path: Path, row: str) -> None:
+    path, counters, blanks = tmp_path / "hostile.csv", LogCounters(), " " * 16_000
+    good = "0.1,C2,1,01,02\n"
+    path.write_text(f"Time,ID,Bus{blanks[:6000]}x,D0,D1\n{good}{good}{row.format(blanks)}\n")
+    begun_s = time.process_time()
+    assert len(list(read_frames(path, counters))) + counters.damaged == 3
+    assert time.process_time() - begun_s < 1.0
+
+
+def test_a_counter_of_microseconds_goes_on_when_it_begins_anew(tmp_path: Path) -> None:
+    path = tmp_path / "drive.csv"
+    counts = [(4294000000 + 100_000 * i) % (1 << 32) for i in range(30)]
+    path.write_text("micros,id,d0\n" + "".join(f"{count},0C2,01\n" for count in counts))
+    steps = {b.t_ns - a.t_ns for a, b in pairwise(read_frames(path))}
+    assert steps == {100_000_000}
+
+
+def test_frames_out_of_order_behind_a_zero_are_no_times_since_the_line_before(
+    tmp_path: Path,
+) -> None:
+    path, times_s = tmp_path / "drive.log", [0.0, 0.01, 0.02, 0.03, 0.05, 0.04, 0.06, 0.08, 0.07]
+    path.write_text("".join(f"({each:010.6f}) can0 0C2#01\n" for each in times_s))
+    assert [frame.t_ns / 1e9 for frame in read_frames(path)] == times_s
 
 
 def test_the_first_cells_of_a_table_of_frames_may_be_empty(tmp_path: Path) -> None:
