@@ -83,7 +83,8 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     first = [i for i in places.values() if i not in (name, value, unit)]
     columns = (*(dialect.columns[i] for i in first), *(RawColumn(*each) for each in units.items()))
     clocks = [i for i in first if dialect.columns[i].kind == "clock" and row[i] != begin[i]]
-    order = (clocks or first or [None])[0] if len(said) == len(units) + 1 > 2 else None
+    is_apart = len(said) == len(units) + 1 > 2
+    order = next(iter(clocks or first), None) if is_apart else None
     read = partial(_read_long, path, dialect, (*first, *units), name, value, order)
     return RawTable(path, f"{dialect.kind}, one value a row", columns, read, dialect.preamble)
 
