@@ -94,6 +94,8 @@ def _check(args: CheckOptions, path: Path | None) -> int:
                 say("nobody answers: ignition off, a listen-only interface, or a gateway between?")
         if health.transmit_errors:
             say(f"{health.transmit_errors} could not be sent")
+        if engine := result.standing(setup.config.plausibility.engine_running_rpm):
+            say(engine)
     notes = [*(f"log: {n}" for n in log.notes), *(f"database: {n}" for n in setup.bus_map.notes)]
     say("\n".join([*([path.name] if path else []), *result.lines(), *notes]))
     return _concluded(result, setup, path, result.stale)

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from monitor.base.counts import counted
 from monitor.base.errors import SignalMapError
 from monitor.base.fault_streams import DropOuts, NoiseFault, TimedSensorFault
 from monitor.base.faults import DEFAULT_SEVERITY, resolve
@@ -41,7 +42,8 @@ class InjectionCounts:
         """Yield the counts as text."""
         told = sorted((self.changed + self.kept).items())
         done = ", ".join(f"{name} {n}" for name, n in told)
-        yield f"{self.taken} frames from the ECU, {self.given} passed on; {done or 'none changed'}"
+        taken = counted(self.taken, "frame")
+        yield f"{taken} from the ECU, {self.given} passed on; {done or 'none changed'}"
 
 
 class SensorReading:

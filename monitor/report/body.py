@@ -112,7 +112,7 @@ def _recording(i: int, recording: Mapping[str, Any], output: str, opened: bool) 
         ("Enabled", _enabled(recording)),
         ("Windows", _counts(recording)),
         *([("Tests", text(told))] if (told := tests(recording)) else []),
-        ("Paper’s rule", f"failed in {counted(n['paper'], 'window')}"),
+        *_paper(recording.get("limits"), n["paper"], text(output)),
         *_limits(recording.get("limits", {}), text(output)),
         *_memory(recording.get("memory")),
         *_logger(recording),
@@ -349,10 +349,19 @@ def _memory(found: Mapping[str, Any] | None) -> list[tuple[str, str]]:
     return [("Fault memory", f"was damaged and is {text(found['state'])}{aside}")]
 
 
+def _paper(limits: Mapping[str, Any] | None, failed: int, unit: str) -> list[tuple[str, str]]:
+    """Return how many windows fail by the paper's rule, and what residuals such a window has."""
+    if not limits:
+        return []
+    mean, std = (f"{number(limits[k])} {unit}" for k in ("j_mu", "j_sigma"))
+    needs = f"|mean| ≥ J<sub>μ</sub> {mean} and standard deviation ≥ J<sub>σ</sub> {std}"
+    words = f"failed in {counted(failed, 'window')}: {needs}"
+    return [("Paper’s rule", f'<span class="wide">{words}</span>')]
+
+
 def _limits(limits: Mapping[str, Any], unit: str) -> list[tuple[str, str]]:
     """Return the fact about the limits of the vehicle, ``unit`` being that of the residual."""
-    names = {"j_mu": "J<sub>μ</sub>", "j_sigma": "J<sub>σ</sub>"}
-    words = [f"{name} {number(limits[k])} {unit}" for k, name in names.items() if k in limits]
+    words = []
     if "gain" in limits:
         words.append(f"gain of this vehicle {number(limits['gain'])}")
     if "offset_low" in limits:

@@ -18,6 +18,7 @@ from monitor.frames.loop_frames import LOG_GAP_ID
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import Asked, Cause, causes, timeout_of
 from monitor.judge.causes.observation import Observation
+from monitor.judge.electrical.plausibility import ENGINE
 from monitor.judge.enable import Enable
 from monitor.model.card import ModelCard
 from monitor.pipeline.recordings import OpenRecording
@@ -115,6 +116,13 @@ class CheckResult:
     def stale(self) -> list[str]:
         """Return the signals whose values came later than their timeout allows."""
         return [s.name for s in self.signals if s.stale]
+
+    def standing(self, running_rpm: float) -> str:
+        """Return in words that the engine was off, "" if it ran or nothing tells its speed."""
+        speeds = [s.maximum for s in self.signals if s.name == ENGINE and s.count]
+        if not speeds or speeds[0] >= running_rpm:
+            return ""
+        return f"the engine is off ({ENGINE} at most {plain(speeds[0])}): check again while it runs"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the table."""

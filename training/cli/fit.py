@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from monitor.base.command_line.parameters import Number
-from monitor.base.counts import plain
+from monitor.base.counts import counted, plain
 from training.cli.options import (
     GridOptions,
     Minutes,
@@ -163,7 +163,8 @@ def _print(result: "FitResult | GreyboxResult") -> None:
         model = result.chosen.model
         if result.tries:
             mean = f", the mean of {model.members} trainings" if model.members > 1 else ""
-            print(f"chosen of {len(result.tries)} structures: {describe(model.spec)}{mean}")
+            tried = counted(len(result.tries), "structure")
+            print(f"chosen of {tried}: {describe(model.spec)}{mean}")
         print(f"{told}, {model.spec.n_weights} weights, {result.seconds:.0f} s")
         return
     print(f"{told}, grey-box chain, {result.seconds:.0f} s")

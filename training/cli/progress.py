@@ -63,15 +63,17 @@ class Share(Progress):
     shown : where and by which clock, as in ``Progress``
     """
 
+    unit = "phi"  # of the error
+
     def __init__(self, what: str, *shown: Any) -> None:
         form = "{desc} {percentage:3.0f} %|{bar}| {remaining} left{postfix}"
         super().__init__(*shown, total=PARTS, desc=what, bar_format=form)
         self._what, self._best = what, math.inf
 
     def update(self, done: float, error: float = math.inf) -> None:
-        """Show the share done, 0 to 1, and an error in phi, of which the least so far is told."""
+        """Show the share done, 0 to 1, and an error, of which the least so far is told."""
         done, self._best = min(done, 1.0), min(self._best, error)
-        best = f"best error {self._best:.4f}" if math.isfinite(self._best) else ""
+        best = f"best error {self._best:.4f} {self.unit}" if math.isfinite(self._best) else ""
         self._bar.set_postfix_str(best, refresh=False)
         self._bar.update(round(PARTS * done) - self._bar.n)
         if round(100 * done):  # before, the pace is not known
@@ -85,6 +87,8 @@ class Budget(Share):
 
     minutes : of work
     """
+
+    unit = "standard deviations of the output"
 
     def __init__(self, minutes: float, *shown: Any) -> None:
         super().__init__("training", *shown)

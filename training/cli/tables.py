@@ -121,13 +121,16 @@ def summary(made: "list[EcuTable]", rough: "list[EcuTable]") -> list[str]:
     """
     import numpy as np
 
+    from training.ecu_tables.page import SHOWN
+
     more = {t.key: int(np.isfinite(t.estimate).sum()) for t in rough}
     lines: dict[str, list[str]] = {}
     for table in made:
-        good = table.estimate[np.isfinite(table.estimate)]
+        per, unit, _ = SHOWN[table.unit]
+        good = per * table.estimate[np.isfinite(table.estimate)]
         told = f"{len(good)} of {table.estimate.size} cells"
         if len(good):
-            told += f", {plain(good.min(), 3)} to {plain(good.max(), 3)} {table.unit}".rstrip(" -")
+            told += f", {plain(good.min(), 3)} to {plain(good.max(), 3)} {unit}"
         left = more.get(table.key, 0) - len(good)
         told += f"; {left} more with wide intervals: --rough" if left > 0 else ""
         if table.widened > WIDENED:

@@ -120,7 +120,8 @@ def _choices(
                     choices.append(Choice(name, source, place))
                     continue
                 unit = " ".join(stated_texts(column))
-                odd.setdefault(name, f"column {column.name}: its unit {unit} is none of {name}")
+                told = f"its unit {unit} does not suit {name} ({BY_NAME[name].unit})"
+                odd.setdefault(name, f"column {column.name} is left out: {told}")
     named = {each.name for each in choices}
     notes.sentences += [told for name, told in odd.items() if name not in named]
     return choices

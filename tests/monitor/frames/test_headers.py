@@ -272,7 +272,10 @@ def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: 
     np.testing.assert_allclose(values(table, "lambda_measured"), np.array(AFR) / 14.7)
     np.testing.assert_allclose(values(table, "maf_kg_h"), 3.6 * np.array(AIR))
     assert "load_g_per_rev" not in table.names
-    assert any("Engine Load (%): its unit % is none of" in line for line in table.notes.lines)
+    assert any(
+        "Engine Load (%) is left out: its unit % does not suit" in line
+        for line in table.notes.lines
+    )
 
 
 @pytest.mark.parametrize(

@@ -201,7 +201,7 @@ def test_a_gateway_does_not_pass_on_its_own_frames_where_it_hears_them() -> None
         player.send(message(0x123, b"1"))
         gateway.run(duration_s=0.2)
         assert player.recv(0.0) is None
-    assert next(gateway.lines()) == "1 frames from the ECU, 1 passed on; none changed"
+    assert next(gateway.lines()) == "1 frame from the ECU, 1 passed on; none changed"
 
 
 @pytest.mark.parametrize("which", ["ecu", "other"])

@@ -148,6 +148,18 @@ def test_a_bus_that_fell_silent_lacks_its_signals(capsys: pytest.CaptureFixture[
     assert "STOPPED 1." in capsys.readouterr().out
 
 
+def test_an_engine_that_is_off_is_said_to_be(capsys: pytest.CaptureFixture[str]) -> None:
+    def play(over: threading.Event) -> None:
+        with can.Bus("off", interface="virtual") as bus:
+            while not over.is_set():
+                send_as_driven(bus, ecu(engine_speed_rpm=0.0), over)
+
+    with beside(play):
+        main(["check", "-i", "virtual", "-c", "off", "--seconds", "1"])
+    assert "the engine is off (engine_speed_rpm at most 0): check" in capsys.readouterr().out
+    assert not check(ecu(engine_speed_rpm=800.0), OWN).standing(500.0)
+
+
 def test_a_signal_slower_than_its_timeout_is_stale_with_age_and_timeout() -> None:
     # GIVEN a coolant temperature that comes once a second, under a timeout of half a second
     coolant = OWN.channels["coolant_temperature_degc"]

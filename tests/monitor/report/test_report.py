@@ -146,6 +146,8 @@ def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: P
     for shown in ("P014C", "slow_rich_to_lean or transient", "pending", "20.0 s", "0x27"):
         assert shown in text
     assert "The coolant is warm for 12 % of the time: record until the engine is warm" in text
+    # AND what a window must have to fail by the paper's rule
+    assert re.search(r"failed in \d+ windows?: \|mean\| ≥ J μ 0.01 lambda and", text)
     # AND what the enable conditions and frames were, the file's sha256 and the model
     for words in ("coolant is warm", "12.5 %", "unavailable", "a wrong checksum", SHA256, "narx"):
         assert words in text

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import tracemalloc
 from dataclasses import replace
 from hashlib import sha256
@@ -173,7 +174,9 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     assert main([*call, "--rough", "--force"]) == 0
     assert (out / "injector_flow_scale.csv").read_text() == "mine"
     assert not mine.read_text().endswith("mine")
-    assert "more with" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "more with" not in said
+    assert re.search(r"lambda_lag: \d+ of \d+ cells, \d+ to \d+ ms", said)
     (out / "injector_flow_scale.csv").unlink()
     earlier = json.loads((out / "tables.json").read_text())
     earlier["files"]["wall_film_old_degc.csv"] = sha256(b"earlier").hexdigest()
@@ -273,7 +276,7 @@ def test_a_file_gets_lines_with_share_time_left_and_the_best_error_so_far() -> N
         bar.update(0.1, 0.0125)  # too soon for a line
         now_s[0] = 40.0
         bar.update(0.25, 0.02)
-    assert out.getvalue() == "tables: 25 % done, 120 s left, best error 0.0125\n"
+    assert out.getvalue() == "tables: 25 % done, 120 s left, best error 0.0125 phi\n"
 
 
 def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) -> None:

@@ -293,7 +293,11 @@ class Clock:
 
 
 @pytest.mark.parametrize(
-    ("rmse", "told"), [(0.5, "570 s left, best error 0.5000"), (np.inf, "570 s left")]
+    ("rmse", "told"),
+    [
+        (0.5, "570 s left, best error 0.5000 standard deviations of the output"),
+        (np.inf, "570 s left"),
+    ],
 )
 def test_without_a_terminal_a_line_tells_best_error_and_time_left(rmse: float, told: str) -> None:
     # GIVEN a training whose progress goes to a file, with ten minutes of work
