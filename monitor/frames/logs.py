@@ -117,11 +117,10 @@ def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
                 f"{path}: {each['is']}: not read, convert it with {each['converter']}"
             )
     if kind not in known:
-        formats = " ".join(known)
-        raise RecordingError(
-            f"{path}: unknown log format {kind!r}, known are {formats} and .gz; "
-            f"of tables {' '.join(TABLES)} .parquet"
-        )
+        advice = f"give it the ending of what it holds, for frames {' '.join(known)} (and .gz)"
+        if kind in (*TABLES, ".parquet"):
+            advice = "a table; frames are wanted: 'o2train log TABLE --out LOG' writes them"
+        raise RecordingError(f"{path}: unknown log format {kind!r}: {advice}")
     return kind
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from monitor.base.counts import plain
 from monitor.base.signals import BY_NAME, SIGNALS, plausible_range
 from monitor.base.types import FloatArray
-from monitor.frames.profiles.conversion import is_of_quantity, stated_unit
+from monitor.frames.profiles.conversion import is_of_quantity, may_be_absolute, stated_unit
 from monitor.frames.profiles.profile import (
     STOICH_AFR,
     ProfileEngine,
@@ -152,7 +152,8 @@ def _known(
     unit : that the file states, or that the logger has for all such columns; "" if nothing tells it
     Where neither file nor profile states a unit, the values tell it.
     """
-    if not is_of_quantity(name, source, column, STOICH_AFR):
+    is_right = is_of_quantity(name, source, column, STOICH_AFR)
+    if not is_right or may_be_absolute(source, column, values):
         return None
     converts = source != Source(column=source.column, units=source.units, pinned=source.pinned)
     if name not in QUANTITIES or converts:

@@ -112,6 +112,17 @@ def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: flo
     return not (stated_unit(column, stoich_afr) or bare == key(source.column) != whole)
 
 
+def may_be_absolute(source: Source, column: RawColumn, cells: FloatArray) -> bool:
+    """Return whether a column known as a gauge's may hold absolute pressures.
+
+    The pressure of an engine that runs falls below the air's, save in a pull; and a logger whose
+    unit is another than the profile's may write another quantity under the name.
+    """
+    units = [unit_of(text, 1.0) for text in (stated_unit(column, 1.0), *source.units)]
+    is_other = units[0] is not None and units[0] not in units[1:] and not units[0].offset
+    return bool(source.offset and is_other and np.nanmin(cells, initial=0.0) >= 0.0)
+
+
 def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:
     """Return values in another unit of the same quantity."""
     factor, offset = conversion(unit, target)

@@ -14,6 +14,7 @@ from monitor.frames.profiles.conversion import (
     converted,
     in_one_setting,
     is_of_quantity,
+    may_be_absolute,
     stated_texts,
 )
 from monitor.frames.profiles.derived import derive
@@ -49,6 +50,17 @@ def read_signals(
     choices = _choices(raw, profile, there, notes)
     own = [Choice(n, Source(column=n), there[key(n)][0]) for n in further if key(n) in there]
     t_ns, cells = _rows(raw, times, [*choices, *own], notes)
+    doubted = [
+        i
+        for i, each in enumerate(choices if profile.name in shipped() else ())
+        if may_be_absolute(each.source, raw.columns[each.column], cells[:, i])
+    ]
+    for i in doubted[::-1]:
+        name = raw.names[choices.pop(i).column]
+        notes.sentences.append(
+            f"column {name}: never below 0: a gauge pressure or an absolute one?"
+        )
+    cells = np.delete(cells, doubted, axis=1)
     updates, told = np.count_nonzero(np.isfinite(cells), axis=0).tolist(), dict[str, int]()
     cells = held(cells, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
     choices = in_one_setting(raw, profile, [(c, cells[:, i]) for i, c in enumerate(choices)])

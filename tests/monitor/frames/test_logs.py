@@ -94,7 +94,12 @@ def test_a_damaged_compressed_log_never_passes(folder: Path, tmp_path: Path, suf
         ("missing.log", None, "No such file"),
         ("empty.log", b"", "the log is empty"),
         ("drive.txt", b"x", "its first lines are those of no CAN log; known are candump"),
-        ("drive.dat", b"x", r"unknown log format '.dat', known are .log"),
+        (
+            "drive.dat",
+            b"x",
+            r"unknown log format '.dat': give it the ending of what it holds, for frames .log",
+        ),
+        ("drive.parquet", b"x", "unknown log format '.parquet': a table; frames are wanted"),
         ("drive", b"x", "unknown log format ''"),
         ("drive.gz", b"x", "unknown log format ''"),
         ("blank.log", b"\n\n", "no CAN frames"),

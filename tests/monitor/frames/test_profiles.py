@@ -459,6 +459,27 @@ def test_a_gauge_s_pressure_is_counted_from_the_air_once(
     np.testing.assert_allclose(read_table(path, profile).values[:, 0], D["map_kpa"], atol=0.02)
 
 
+@pytest.mark.parametrize(
+    ("unit", "offset_kpa", "is_taken"),
+    [("kPa", 101.3, True), ("kPa", 0.0, False), ("bar", 0.0, False)],
+)
+def test_a_boost_in_another_unit_is_a_gauge_s_only_if_it_falls_below_the_air(
+    tmp_path: Path, unit: str, offset_kpa: float, is_taken: bool
+) -> None:
+    # GIVEN a logger whose boost is a gauge pressure in psi, and a file that has it in kPa or bar
+    boost = (D["map_kpa"] - offset_kpa) / (100.0 if unit == "bar" else 1.0)
+    cells = {"Time (sec)": D["t_s"], "RPM (RPM)": D["rpm"], f"Boost ({unit})": boost}
+    path = tmp_path / "drive.csv"
+    # WHEN the shipped profile reads it, and the draft
+    write_text_table(path, cells | {"AF Sens 1 Ratio": 14.7 * LAMBDA, "AP Info": LAMBDA})
+    table, draft = read_table(path, "cobb"), proposed(open_table(path))
+    # THEN pressures that never fall below 0 may be absolute and are not taken
+    assert ("manifold_pressure_kpa" in table.names) == is_taken
+    assert ("\nmanifold_pressure_kpa" in draft) == is_taken
+    told = [line for line in table.notes.lines if "a gauge pressure or an absolute one?" in line]
+    assert bool(told) != is_taken
+
+
 def test_of_a_gauge_and_an_absolute_pressure_the_draft_takes_the_absolute(tmp_path: Path) -> None:
     gauge = (D["map_kpa"] - 101.3) / 6.894757
     cells = {"Time": D["t_s"], "Boost (psi)": gauge, "RPM": D["rpm"], "MAP (kPa)": D["map_kpa"]}
