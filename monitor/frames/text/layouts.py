@@ -334,25 +334,31 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
         r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?",
     ),
     (
-        r"(?:bus|channel|ch|chn|kanal|interface|network)(?:channel)?|(?:can)?通道号?",
+        r"(?:can[ _-]?)?(?:bus|channel|chan|chn?|kanal|interface|iface|network|net|port)"
+        r"(?:[ _]?(?:channel|id|no|nr|num\w*))?\.?|can|device|(?:can)?通道号?",
         r"(?P<channel>[^{sep}]*+)",
     ),
     (rf"{_OF}(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
-    (r"(?:is_)?ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
-    (r"(?:is_)?(?:remote|rtr)", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
-    (r"type|帧类型", rf"(?:(?P<remote>rem\w*|rtr|远程帧)|{_REST})"),
-    (r"er|(?:is_)?err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
+    (r"(?:is[_ ]?)?ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
+    (r"(?:is[_ ]?)?(?:remote|rtr)", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
+    (r"er|(?:is[_ ]?)?err\w*", rf"(?:(?P<error>{_YES})|{_REST})"),
+    (  # in words, of which several may stand in a cell
+        rf"(?:id[ _]?|{_OF})(?:type|format)|帧类型",
+        r"(?:(?=[^{sep}]*(?P<remote>\brem|rtr|远程帧))|)(?:(?=[^{sep}]*(?P<error>\berr))|)"
+        rf"(?:(?=[^{{sep}}]*(?P<ext>\bext|xtd|29.?bit))|){_REST}",
+    ),
     (r"flags?", r'(?P<flags>[^{sep}"]*+)'),
     (
         rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|message|"
         r"数据(?:\(hex\))?",
-        r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*+|[0-9a-fx: ]*+)\]?",  # of a list with commas
+        r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*+|[0-9a-fx: -]*+)\]?",  # of a list with commas
     ),
     (
         r"(?:data|byte|d|b)[ _]?[01]",
         r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *+(?:0x)?[0-9a-f]{0,3} *+){0,{further}})",
     ),
 )
+_BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 # what is known and not read: suffixes or how it begins, what it is, and the tool that converts it
 UNREAD: Final = tomllib.loads(
     files("monitor.frames.text").joinpath("unread.toml").read_text("utf-8")
@@ -464,16 +470,17 @@ def _table(text: str) -> TextLayout | None:
     for number, line in enumerate(lines):
         below = lines[number + 1 :]
         for sep in ",;\t" if re.search("id|addr", line, re.I) else "":
-            # CAN_DataFrame.ID, can.id
-            every = [name.strip(' "%').casefold().rpartition(".")[2] for name in line.split(sep)]
+            told = [name.strip(' "%') for name in line.split(sep)]  # CAN_DataFrame.ID, can.id
+            every = [re.sub(r".*\.(?=[a-z_]\w*$)", "", name.casefold()) for name in told]
             clock_alone = ["" if name.startswith("time") else name for name in every]
             for names in every, clock_alone:  # the adapter's time may be a hexadecimal count
                 pattern = _table_row(names, sep)
                 if pattern and (rows := [*filter(None, map(pattern.fullmatch, below))]):
                     ids = {row["id"] for row in rows}
-                    named = next(n for n in names if re.fullmatch(_TABLE_COLUMNS[0][0], n))
-                    times = _times(named, [row["time"] for row in rows], len(ids))
-                    return replace(TABLE, frames=(pattern,), id_base=_id_base(line, ids), **times)
+                    time, can_id = (_place(form, names) for form, _ in _TABLE_COLUMNS[:2])
+                    times = _times(names[time], [row["time"] for row in rows], len(ids))
+                    base = _id_base(told[can_id], ids)
+                    return replace(TABLE, frames=(pattern,), id_base=base, **times)
     return None
 
 
@@ -481,21 +488,36 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     """Return the pattern of a row of frames; None if time, identifier or data lack."""
     cells = [_REST] * len(names)
     for form, cell in _TABLE_COLUMNS:
-        fitting = [
-            (n != "id", not n.startswith("time"), i)  # others are of a header, or of the computer
-            for i, n in enumerate(names)
-            if re.fullmatch(form, n)
-        ]
-        place = min(fitting, default=(True, True, -1))[2]
-        if place >= 0 and not ("<data>" in cell and "<data>" in "".join(cells)):
-            cells[place] = cell
+        place, taken = _place(form, names), set(re.findall(r"\?P<(\w+)>", "".join(cells)))
+        if place >= 0 and cells[place] == _REST and not ("<data>" in cell and "data" in taken):
+            cells[place] = re.sub(
+                r"\?P<(\w+)>",
+                lambda group, taken=taken: "?:" if group[1] in taken else group[0],
+                cell,
+            )
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
-    further = sum(bool(re.fullmatch(r"(?:data|byte|d|b)[ _]?\d+", name)) for name in names) - 1
+    numbers = [int(n[1]) for n in map(_BYTE.fullmatch, names) if n]
+    if numbers != sorted(numbers):  # the last byte first
+        return None
+    further = len(numbers) - 1
     body = (
         rf'"? *+{sep} *+=?"?'.join(cells).replace("{sep}", sep).replace("{further}", f"{further}")
     )
     has_all = all(f"<{group}>" in body for group in ("time", "id", "data"))
     return re.compile(rf'=?"?{body} *+"?(?:{sep}.*)?', _ANY) if has_all else None
+
+
+def _place(form: str, names: Sequence[str]) -> int:
+    """Return the place of the column whose name fits, hexadecimal rather than decimal; or -1.
+
+    Others are of a header, or of the computer.
+    """
+    fitting = [
+        ("hex" not in n or "time" in n, n != "id", not n.startswith("time"), i)
+        for i, n in enumerate(names)
+        if re.fullmatch(form, n)
+    ]
+    return min(fitting, default=(-1,))[-1]
 
 
 def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
@@ -506,7 +528,8 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
     if any(mark in time for time in times for mark in ":Tt"):
         return {"time_s": ColumnClock()}
     said = {"millis": "ms", "micros": "us"}.get(named, named.rpartition("_")[2])
-    unit = unit_of(name_and_unit(named)[1] or said, 1.0)
+    stated = name_and_unit(named)[1]
+    unit = unit_of(stated or said, 1.0)
     values = list(map(_seconds, times))
     step = (max(values) - min(values)) / max(1, len(values) - 1)
     if unit and unit.quantity == "time":
@@ -516,18 +539,23 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
     elif any(mark in time for time in times for mark in ".,"):
         is_fine = any(re.search(r"[.,]\d{4}", time) for time in times)  # no ms are as fine
         step_s = 1.0 if step < 1.0 or is_fine else 1e-3
+    elif stated:
+        raise RecordingError(f"its column {named} counts in an unknown unit: call it time_us, …")
     else:
         step_s = 1e-6 if step * n_ids >= _CYCLE else 1e-3
     wraps_s = min(_DAY_S, _COUNT_US * step_s)
     return {"time_s": lambda text: _seconds(text) * step_s, "wraps_s": wraps_s}
 
 
-def _id_base(header: str, ids: set[str]) -> int:
-    """Return the base of identifiers, 0 if nothing tells it: 10 by the tool, or by large ones."""
-    if not "".join(ids).isdecimal() or re.search(r"\bid\w*[ _]?[(\[_]hex", header, re.I):
+def _id_base(named: str, ids: set[str]) -> int:
+    """Return the base of identifiers, 0 if nothing tells it: 10 by the tool, or by large ones.
+
+    named : the name of their column
+    """
+    if not "".join(ids).isdecimal() or re.search("hex", named, re.I):
         return 16
     is_large = any(int(each, 16) >> 29 or re.fullmatch("1...|20[0-4].", each) for each in ids)
-    is_said = re.search(r"\b(can\.id|addr|arb\w*_id|id[ _(]+dec\w*)\b", header, re.I)
+    is_said = re.search(r"\b(can\.id|addr|arb\w*_id)\b|[ _(]dec", named, re.I)
     return 10 if is_large or is_said else 0
 
 
@@ -639,7 +667,7 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
         data = b64decode(packed, validate=True)
     else:
         raw = groups.get("data") or ""
-        text = re.findall(r"[^\s;,:.]+", raw)
+        text = re.findall(r"[^\s;,:.-]+", raw)
         if len(text) == 1 and len(text[0]) > 3:  # without spaces
             text = re.findall("..", text[0].lower().removeprefix("0x"))
         if _CLASSIC < length < 16:  # a code of CAN FD, if the line has so many bytes

@@ -213,6 +213,7 @@ def test_parameter_groups_of_busmaster_are_read_as_far_as_a_frame_carries_them(
         ("time_ms,id,data", "{},{:X}h,FE 01", False),
         ("time_ms,id,data", "{},{},FE 01", True),
         ("Rx Time (ms),id_dec,data", "{},{},FE 01", True),
+        ("Time (0.1 ms),ID (dec),ID (hex),data", "{0}0,{1},{1:X},FE 01", False),
     ],
 )
 def test_identifiers_of_digits_alone_are_hexadecimal_unless_something_tells_otherwise(
@@ -262,6 +263,58 @@ def test_milliseconds_since_1970_may_have_a_decimal_comma(tmp_path: Path) -> Non
         1795857000000500,
         1795857000010500,
     ]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Chan", "Port", "CAN", "can_bus", "Bus ID", "CAN Channel", "Channel No.", "Ch.", "iface"],
+)
+def test_channels_of_a_table_of_frames_are_told_apart_whatever_they_are_called(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "both.csv"
+    rows = [f"0.{i},{1 + i % 2},C2,0{i % 2}\n" for i in range(9)]
+    path.write_text(f"Time,{name},CAN ID,Data\n" + "".join(rows))
+    with pytest.raises(RecordingError, match="0C2 is on the channels '1' and '2'"):
+        list(read_blocks(path, channels=Channels(mapped=[0xC2])))
+
+
+@pytest.mark.parametrize(
+    ("columns", "cells", "kept"),
+    [
+        ("ID Type", "Extended", [(0xC2, True)]),
+        ("IsExtended", "True", [(0xC2, True)]),
+        ("Frame Type", "Extended Data", [(0xC2, True)]),
+        ("Frame Type", "Extended Remote", []),
+        ("Type", "Error Frame", []),
+        ("Type,RTR", "Data,1", []),  # two columns that may say it
+        ("Format,Type", "Standard,Data", [(0xC2, False)]),
+    ],
+)
+def test_a_table_of_frames_tells_their_kind_in_words(
+    tmp_path: Path, columns: str, cells: str, kept: list[tuple[int, bool]]
+) -> None:
+    path = tmp_path / "kinds.csv"
+    blank = "," * columns.count(",")
+    path.write_text(f"Time,ID,{columns},Data\n0.1,C2,{cells},01-02\n0.2,C3,{blank},03-04\n")
+    found = [(frame.can_id, frame.is_extended) for frame in read_frames(path)]
+    assert found == [*kept, (0xC3, False)]
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "said"),
+    [
+        ("Time,ID,B1,B0", "0.1,C2,02,01", "frames as CSV: not read"),  # the last byte first
+        ("Time (ticks),ID,Data", "100,C2,01", r"its column time \(ticks\) counts in an unknown"),
+    ],
+)
+def test_columns_that_cannot_be_read_rightly_are_refused(
+    tmp_path: Path, header: str, row: str, said: str
+) -> None:
+    path = tmp_path / "odd.csv"
+    path.write_text(f"{header}\n{row}\n{row}\n")
+    with pytest.raises(RecordingError, match=said):
+        list(read_frames(path))
 
 
 def test_a_row_with_another_kind_of_time_is_a_damaged_line(tmp_path: Path) -> None:
