@@ -152,8 +152,8 @@ def _known(
     unit : that the file states, or that the logger has for all such columns; "" if nothing tells it
     Where neither file nor profile states a unit, the values tell it.
     """
-    is_right = is_of_quantity(name, source, column, STOICH_AFR)
-    if not is_right or may_be_absolute(source, column, values):
+    is_other = not is_of_quantity(name, source, column, STOICH_AFR)
+    if is_other or may_be_absolute(source, column, values):
         return None
     converts = source != Source(column=source.column, units=source.units, pinned=source.pinned)
     if name not in QUANTITIES or converts:

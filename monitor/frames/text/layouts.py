@@ -488,13 +488,10 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     """Return the pattern of a row of frames; None if time, identifier or data lack."""
     cells = [_REST] * len(names)
     for form, cell in _TABLE_COLUMNS:
-        place, taken = _place(form, names), set(re.findall(r"\?P<(\w+)>", "".join(cells)))
+        place, taken = _place(form, names), re.findall(r"\?P<(\w+)>", "".join(cells))
         if place >= 0 and cells[place] == _REST and not ("<data>" in cell and "data" in taken):
-            cells[place] = re.sub(
-                r"\?P<(\w+)>",
-                lambda group, taken=taken: "?:" if group[1] in taken else group[0],
-                cell,
-            )
+            known = "|".join(taken) or r"\Z"
+            cells[place] = re.sub(rf"\?P<(?:{known})>", "?:", cell)
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
     numbers = [int(n[1]) for n in map(_BYTE.fullmatch, names) if n]
     if numbers != sorted(numbers):  # the last byte first
