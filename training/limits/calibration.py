@@ -43,7 +43,7 @@ def calibrate(
     card = replace(card, trust=trust_of([(model, healthy)], card, config, str(path)))
     limits = Limits.from_card(card, config, str(path))
     good, bad = (
-        [*zip(drives, judge_recordings(drives, model, limits, config), strict=True)]
+        [*zip(drives, judge_recordings(drives, model, limits, config, rear=True), strict=True)]
         for drives in (healthy, faulty)
     )
     rows, found = ([_row(*drive) for drive in drives] for drives in (good, bad))

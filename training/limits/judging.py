@@ -188,17 +188,22 @@ def why_not(recording: Recording, card: ModelCard, config: Config) -> list[Cause
 
 
 def judge_recordings(
-    recordings: Sequence[Recording], model: Model, limits: Limits, config: Config
+    recordings: Sequence[Recording],
+    model: Model,
+    limits: Limits,
+    config: Config,
+    *,
+    rear: bool = False,
 ) -> list[Judged]:
     """Return the verdicts of a monitor with empty fault memory on one driving cycle each.
 
-    What stands behind the catalyst is not judged. Recordings with the same signals run side by
-    side, faster than one by one.
+    rear : whether the catalyst and the sensor behind it are judged, too
+    Recordings with the same signals run side by side, faster than one by one.
     Raises RecordingError if a recording lacks an input of the model.
     """
     alike: dict[tuple[str, ...], list[int]] = {}
     for i, recording in enumerate(recordings):
-        alike.setdefault(_names(recording, model.card), []).append(i)
+        alike.setdefault(_names(recording, model.card, rear=rear), []).append(i)
     judged: dict[int, Judged] = {}
     for names, places in alike.items():
         blocks = [_block(recordings[i], names) for i in places]
@@ -216,8 +221,8 @@ def checked(
     return names, block, conditions, conditions.push(block.values, block.quality)
 
 
-def _names(recording: Recording, card: ModelCard) -> tuple[str, ...]:
-    return needed_names(card, [name for name in recording.names if name not in REAR])
+def _names(recording: Recording, card: ModelCard, *, rear: bool = False) -> tuple[str, ...]:
+    return needed_names(card, [name for name in recording.names if rear or name not in REAR])
 
 
 def _block(recording: Recording, names: Sequence[str]) -> SampleBlock:

@@ -136,6 +136,18 @@ def test_faulty_sensors_are_found_and_the_figures_say_so(drives: Path, calibrate
     assert all(row["evidence"] < result["needed"] for row in result["healthy"])
 
 
+def test_a_fault_of_the_sensor_behind_the_catalyst_is_found(drives: Path, tmp_path: Path) -> None:
+    # GIVEN a drive whose downstream sensor is shorted to ground
+    call = ["simulate", "--out", str(tmp_path), "--format", "parquet", "--period", "0.1"]
+    assert main([*call, "--cycle", "hwfet", "--duration", "200", "--fault", "downstream_low"]) == 0
+    faulty = load(next(tmp_path.glob("*.parquet")), period_s=0.1)
+    sound = [load(path, period_s=0.1) for path in healthy(drives)[:2]]
+    # WHEN limits are set with it THEN its code counts
+    result = calibrate(shipped_model(), sound, [faulty], config.load())[1]
+    assert [row["codes"] for row in result["faulty"]] == [["P0137"]]
+    assert (result["found"]["events"], result["found"]["named"]) == (1, 1)
+
+
 def test_only_limits_and_trust_of_the_file_change(drives: Path, calibrated: Path) -> None:
     old, new = (Model.load(p).card for p in (drives / "model.onnx", calibrated))
     assert replace(new, limits=old.limits, trust=old.trust) == old
