@@ -129,11 +129,11 @@ def _concluded(
 
 
 def _check_table(args: CheckOptions, log: Path) -> int:
+    from monitor.grid.tables import rename
     from monitor.mapping.profile_proposal import unusual
-    from monitor.report.check_table import advice, check_table, is_of_logger, rename
+    from monitor.report.check_table import advice, check_table
 
-    if args.model is None and is_of_logger(log, args.columns):
-        result = check_table(log, args.columns)
+    if args.model is None and (result := check_table(log, args.columns)).table.profile:
         say("\n".join([*result.lines(), *unusual(result), advice(result)]))
         return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
     setup = set_up(args, args.columns, obd=args.obd, judges=False)

@@ -15,11 +15,11 @@ import numpy as np
 from monitor.base.command_line.option_kinds import LOG, TABLE
 from monitor.base.errors import RecordingError
 from monitor.base.files.manifest import entry_of
-from monitor.base.signals import OUTPUT
+from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
 from monitor.frames.profiles.profile import Profile, is_profile, load_profile, path_of, profile_of
-from monitor.frames.profiles.recognition import key, places, recognised
+from monitor.frames.profiles.recognition import key, places, recognised, recognised_own
 from monitor.frames.profiles.signals import all_cells, read_signals
 from monitor.frames.profiles.times import in_ns
 from monitor.frames.tables.dialect import OWN_TIME
@@ -82,8 +82,8 @@ def read_table(
 ) -> Table:
     """Return the table in the file ``path``.
 
-    columns : a columns map, or a profile; without it an own table's columns keep their names, and
-        the profile of other files is recognised
+    columns : a columns map, or a profile; without it a profile of the user's is recognised, an own
+        table's columns keep their names, and the shipped profile of other files is recognised
     further : columns of a logger's file to read under their own names
     of_model : tree of the profile in a model's card, for a logger's file that it fits
     Raises RecordingError naming file, line and column if the table is missing, empty, has cells
@@ -101,7 +101,10 @@ def read_table(
     mapping = load_columns(given) if given is not None else None
     raw = open_table(path)
     notes = Notes()
-    if mapping is not None or raw.names[0] == TIME:
+    is_own = raw.names[0] == TIME and (
+        BY_NAME.keys() >= {*raw.names[1:]} or recognised_own(raw, notes) is None
+    )
+    if mapping is not None or is_own:
         cells = all_cells(raw, [Wanted(i) for i in range(len(raw.names))], notes)
         return _of_origin(make_table(path, list(raw.names), cells, mapping, notes))
     return _of_logger(raw, _of_model(raw, of_model) or recognised(raw, notes), further, notes)
@@ -211,6 +214,17 @@ def _times(path: Path, time_s: FloatArray, notes: Notes) -> tuple[IntArray, Bool
     last = np.append(steps_ns > 0, True)
     notes.count("repeated_times", int((~last).sum()))
     return t_ns[last], last
+
+
+def rename(table: Table) -> str:
+    """Return how to name columns that are no canonical signals, "" if all are, or the sensor is."""
+    known = {*table.names, *table.blank}
+    if OUTPUT in known if table.profile else known <= BY_NAME.keys():
+        return ""
+    return (
+        f"columns with other names? 'o2mon check {table.path} --write-profile FILE' proposes which "
+        "is which signal, --profile FILE takes it"
+    )
 
 
 def uniform_period_ns(t_ns: IntArray) -> int | None:

@@ -19,7 +19,7 @@ from monitor.grid.block_assembler import BlockAssembler
 from monitor.grid.block_samples import Clearing, log_samples
 from monitor.grid.column_times import unlike
 from monitor.grid.table_samples import table_block
-from monitor.grid.tables import BLANK, Table, is_table, read_table
+from monitor.grid.tables import BLANK, Table, is_table, read_table, rename
 from monitor.grid.timeline import Timeline
 from monitor.judge.causes.causes import SignalSource
 from monitor.model.card import ModelCard
@@ -106,7 +106,8 @@ class RecordingReader:
                 f"({table.profile}) lacks{_blank(table, lacking)}; {remedy}"
             )
         if lacking:
-            raise MissingSignalsError(f"{table.path}: {needs(lacking, table.names)}")
+            told = needs(lacking, table.names), rename(table)
+            raise MissingSignalsError(f"{table.path}: {'; '.join(filter(None, told))}")
         step_ns = float(np.median(np.diff(table.t_ns))) if len(table.t_ns) > 1 else 0.0
         if step_ns > COARSE * self._card.period_ns:
             ms = 1.0 / COARSE < step_ns / 1000 / self._card.period_ns < COARSE

@@ -9,14 +9,13 @@ import numpy as np
 
 from monitor.base.config import load
 from monitor.base.counts import counted, plain
-from monitor.base.files.manifest import entry_of
 from monitor.base.signals import BY_NAME, OUTPUT, plausible_range
 from monitor.base.types import BoolArray, FloatArray, Quality, QualityArray
-from monitor.frames.profiles.profile import is_profile, path_of, shipped
+from monitor.frames.profiles.profile import shipped
 from monitor.frames.profiles.recognition import recognised
-from monitor.frames.tables.readers import SUFFIXES, open_table, suffix_of
+from monitor.frames.tables.readers import open_table
 from monitor.grid.table_samples import in_range
-from monitor.grid.tables import BLANK, TIME, Table, read_table, table_period_ns
+from monitor.grid.tables import BLANK, TIME, Table, read_table, rename, table_period_ns
 from monitor.model.card import ModelCard
 from monitor.pipeline.recordings import table_of_model
 
@@ -189,26 +188,6 @@ def _runs(table: Table) -> BoolArray:
         return np.full(len(table.t_ns), ENGINE not in table.blank)
     speed = table.values[:, table.names.index(ENGINE)]
     return np.asarray(speed >= load().plausibility.engine_running_rpm)
-
-
-def is_of_logger(path: Path, columns: Path | None) -> bool:
-    """Return whether a file is read under a profile, given or to be recognised."""
-    if suffix_of(path) not in SUFFIXES:
-        return False
-    if columns is not None:
-        return is_profile(path_of(columns))
-    return open_table(path).names[:1] != (TIME,) or bool(entry_of(path).get("profile"))
-
-
-def rename(table: Table) -> str:
-    """Return how to name columns that are no canonical signals, "" if all are, or the sensor is."""
-    known = {*table.names, *table.blank}
-    if OUTPUT in known if table.profile else known <= BY_NAME.keys():
-        return ""
-    return (
-        f"columns with other names? 'o2mon check {table.path} --write-profile FILE' proposes which "
-        "is which signal, --profile FILE takes it"
-    )
 
 
 def advice(check: TableCheck) -> str:

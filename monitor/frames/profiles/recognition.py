@@ -62,12 +62,16 @@ def recognised(raw: RawTable, notes: Notes | None = None) -> Profile | None:
     notes : takes which own profiles cannot be used, and why
     Of several in one place the one counts that names most of the table.
     """
+    of_user = recognised_own(raw, notes)
+    return of_user or _best(map(shipped_profile, shipped()), places(raw), raw.preamble)
+
+
+def recognised_own(raw: RawTable, notes: Notes | None = None) -> Profile | None:
+    """Return the user's own profile that fits best, one beside the table first; or None."""
     there, notes = places(raw), notes or Notes()
-    for folder in (raw.path.parent, own_folder()):
-        best = _best(_own(folder, notes), there, raw.preamble)
-        if best is not None:
-            return best
-    return _best(map(shipped_profile, shipped()), there, raw.preamble)
+    folders = (raw.path.parent, own_folder())
+    found = (_best(_own(folder, notes), there, raw.preamble) for folder in folders)
+    return next(filter(None, found), None)
 
 
 def own_folder() -> Path:

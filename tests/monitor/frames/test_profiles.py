@@ -11,6 +11,7 @@ import pytest
 import dbc
 from monitor.base.errors import ConfigError, RecordingError
 from monitor.base.types import Quality
+from monitor.cli import main
 from monitor.frames.profiles.profile import load_profile, profile_of, shipped, shipped_profile
 from monitor.frames.profiles.recognition import recognised
 from monitor.frames.profiles.times import held
@@ -317,6 +318,21 @@ def test_an_own_profile_beside_the_log_or_in_the_user_s_folder_is_recognised(
     table = read_table(log)
     assert table.profile == "e85"
     assert "race.toml: stoich_afr" in table.notes.lines[0]
+
+
+def test_an_own_profile_reads_a_table_whose_time_is_called_as_in_an_own_table(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # GIVEN a logger's table with the column time_s, which no model can judge
+    cells = {"time_s": D["t_s"], "rpm": D["rpm"], "lambda": LAMBDA}
+    log = write_text_table(tmp_path / "log.csv", cells)
+    assert main(["replay", str(log)]) == 2
+    assert f"'o2mon check {log} --write-profile FILE' proposes" in capsys.readouterr().err
+    # WHEN the proposed profile stands beside it THEN it is read with that
+    (tmp_path / "own.toml").write_text(proposed(open_table(log)))
+    assert read_table(log).names == ("lambda_measured", "engine_speed_rpm")
+    assert main(["replay", str(log)]) == 3
+    assert main(["check", str(log)]) == 0
 
 
 def test_low_pressure_is_no_fuel_cut_where_a_pulse_width_says_otherwise(tmp_path: Path) -> None:

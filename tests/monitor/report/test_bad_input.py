@@ -89,7 +89,7 @@ def bad(ninety_seconds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("replay blank.csv", ["lambda_measured"]),
         ("replay drive.log --json nowhere/out", ["the folder does not exist"]),
         ("replay drive.log --html nowhere/out", ["the folder does not exist"]),
-        ("check drive.log -i virtual -c x", ["either"]),
+        ("check drive.log -i virtual -c x", ["--interface", "a CAN log"]),
         ("check -i socketcan -c nobus0", ["nobus0"]),
         ("run -i socketcan -c nobus0", ["nobus0"]),
         ("run", ["-i"]),  # neither log nor bus
