@@ -47,8 +47,7 @@ class Grid:
 
     def shares(self, rpm: FloatArray, load: FloatArray) -> FloatArray:
         """Return the knots' shares (n, size) at places (n,); beyond the knots they are constant."""
-        at = np.log(rpm), np.log(np.maximum(load, 1.0))
-        return cells(*at, (self.speeds, self.loads))
+        return cells(np.log(rpm), np.log(np.maximum(load, 1.0)), (self.speeds, self.loads))
 
     def precision(self, sd: float) -> FloatArray:
         """Return the inverse of the prior's covariance (size, size)."""

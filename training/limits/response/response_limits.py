@@ -131,5 +131,4 @@ def _steps(moments: Moments, rule: ResponseRule) -> tuple[FloatArray, FloatArray
 
     late = rule.weighted(said._replace(gain=np.zeros_like(said.gain)))
     weak = rule.weighted(said._replace(timing=np.zeros_like(said.timing)))
-    of_weak = punctual & ~is_sound, punctual & is_sound
-    return raised(late, is_late, is_sound), raised(weak, *of_weak)
+    return raised(late, is_late, is_sound), raised(weak, punctual & ~is_sound, punctual & is_sound)
