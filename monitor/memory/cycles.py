@@ -7,7 +7,6 @@ and (d)(5.5) (ignition cycle); UN R83 annex 11. Time comes with the samples.
 
 import math
 from collections.abc import Sequence
-from operator import itemgetter
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -42,7 +41,7 @@ class Driven(NamedTuple):
 
 
 class Counting(NamedTuple):
-    """The counts of a block; sample numbers never fall."""
+    """The counts of a block, each with the number of its sample."""
 
     moments: list[tuple[int, Moment]]
     driven: list[tuple[int, Driven]]
@@ -115,7 +114,6 @@ class Cycles:
             for k in begin + np.flatnonzero(known[part]):
                 is_standing = not math.isnan(speed_rpm[k])
                 self._stand(int(steps_ns[k]), is_silent=is_silent[k], is_standing=is_standing)
-        found.moments.sort(key=itemgetter(0))
         return found
 
     def _stand(self, step_ns: int, *, is_silent: bool, is_standing: bool) -> None:
