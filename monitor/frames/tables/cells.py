@@ -21,10 +21,10 @@ WORDS: Final = dict.fromkeys(("true", "on", "yes", "active", "high", "ok"), 1.0)
 # h:m:s, h:m:s:ms or m:s, with or without a date before it and an offset from UTC after it
 _CLOCK: Final = re.compile(
     r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?::(\d{3,6}))?\s*"
-    r"(?:([ap]m)\s*)?(?:Z|([+-]\d\d):?(\d\d)?)?",
+    r"(?:([ap])\.?\s?m\.?\s*)?(?:Z|UTC|GMT)?\s*(?:([+-]\d\d):?(\d\d)?)?",
     re.I,
 )
-_BASIC: Final = re.compile(r"(\d{8}|\d\d)T(\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # 20261128T063000.5
+_BASIC: Final = re.compile(r"(\d{8}|\d\d)[T_](\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # 20261128T063000.5
 _IN_WORDS: Final = re.compile(r"(\d{1,3}) ?h ?(\d\d?) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
@@ -120,7 +120,7 @@ class ColumnClock:
         value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
         value += float(f"0.{fraction or 0}")
         if half:
-            value = value % (DAY_S / 2) + (DAY_S / 2 if half.casefold() == "pm" else 0.0)
+            value = value % (DAY_S / 2) + (DAY_S / 2 if half in "pP" else 0.0)
         if day and ahead:
             value -= HOUR_S * int(ahead) + 60.0 * int(f"{ahead[0]}{further or 0}")
         if day and day != self._day:
@@ -167,7 +167,9 @@ def wrap_s(text: str) -> float:
 
 def _clock_match(text: str) -> re.Match[str] | None:
     text = _IN_WORDS.sub(r"\1:\2:\3", text.strip())
-    return _CLOCK.fullmatch(_BASIC.sub(r"\1T\2:\3:\4.\5", text) if "T" in text[2:9:6] else text)
+    return _CLOCK.fullmatch(
+        _BASIC.sub(r"\1T\2:\3:\4.\5", text) if {"T", "_"} & {*text[2:9:6]} else text
+    )
 
 
 def of_unit(unit: str, parse: Parse) -> Parse:

@@ -24,9 +24,17 @@ from monitor.frames.tables.cells import (
     of_unit,
     of_words,
 )
-from monitor.frames.tables.dialect import ANNOTATIONS, Dialect, dialect_of, one_line, ungrouped
+from monitor.frames.tables.dialect import (
+    ANNOTATIONS,
+    Dialect,
+    bare,
+    dialect_of,
+    one_line,
+    ungrouped,
+)
 from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
+from monitor.frames.units import unit_of
 
 _ROWS: Final = 1 << 13  # of a block
 MOST_NAMES: Final = 4096  # of a table with one value a row
@@ -251,28 +259,40 @@ def _ended_quotes(text: Iterable[str], header: int) -> Iterator[str]:
 
 def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterator[list[str]]:
     """Yield the rows of data; marks and repeated headers are counted and left out."""
-    width, skip = len(dialect.columns), dialect.skip
+    width, skip, begun = len(dialect.columns), dialect.skip, False
     names = [column.name for column in dialect.columns]
-    bare = ["", *names[1:2]]  # of a first column without a name
+    nameless = ["", *names[1:2]]  # the first column, too
     for row in reader:
         is_blank = not dialect.separator.join(row).strip()
         if is_blank or (dialect.row and not dialect.row.match(row[0])):
             continue
         if skip:
             skip -= 1
+            cells = zip(map(one_line, row), dialect.columns, strict=False)
+            changed = [each for cell, each in cells if begun and _is_other_unit(cell, each.unit)]
+            if changed:
+                notes.sentences.append(
+                    f"read up to a header with another unit of {changed[0].name}"
+                )
+                return
         elif dialect.is_exact:
             yield row
         elif row[0] in ANNOTATIONS:
             continue
         elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
             notes.count("markers")
-        elif len(row) >= width and [cell.strip() for cell in row[:2]] in (names[:2], bare):
+        elif len(row) >= width and [cell.strip() for cell in row[:2]] in (names[:2], nameless):
             pairs = zip(map(one_line, row), names, strict=False)
             new = [cell for cell, name in pairs if cell and not f"{name}#".startswith(f"{cell}#")]
             if new:
                 notes.sentences.append(f"read up to a header with other columns: {new[0]}, …")
                 return
-            skip = dialect.below_names
+            skip, begun = dialect.below_names, True
             notes.count("repeated_headers")
         else:
             yield row
+
+
+def _is_other_unit(cell: str, unit: str) -> bool:
+    before, now = unit_of(unit, 1.0), unit_of(bare(cell), 1.0)
+    return bool(before and now and before != now)

@@ -168,6 +168,7 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
         if not is_data[data] or is_data[data - 1]:
             continue
         width = Counter(map(len, rows[data:])).most_common(1)[0][0]
+        width -= not any(row[width - 1].strip() for row in rows[data:] if len(row) == width)
         header = _header(rows, is_data, data, width)
         named = len({i for row in header for i, cell in enumerate(rows[row]) if cell.strip()})
         filled = [sum(not is_no_value(c) for c in row) for row in rows[data:]]
@@ -235,7 +236,7 @@ def _columns(layout: _TextLayout) -> tuple[RawColumn, ...]:
     below = header[header.index(names) + 1 :]
     columns, seen = [], Counter[str]()
     for i in range(max(map(len, header))):
-        name, unit = _cell(names, i), _bare(_cell(units or [], i))
+        name, unit = _cell(names, i), bare(_cell(units or [], i))
         more = tuple(cell for row in others if row is not names and (cell := _cell(row, i)))
         told = (name_and_unit(each)[1] for each in more)
         unit = (unit if any(has_unit) else "") or next((t for t in told if unit_of(t, 1.0)), "")
@@ -270,7 +271,7 @@ def _cell(row: Sequence[str], i: int) -> str:
     return row[i] if i < len(row) else ""
 
 
-def _bare(text: str) -> str:
+def bare(text: str) -> str:
     """Return a unit without the brackets around it."""
     return text[1:-1].strip() if text[:1] + text[-1:] in ("()", "[]") else text
 

@@ -95,6 +95,10 @@ TABLES = {
         + rows(lambda i: f"00:00:0{i / 10},{RPM[i]},{AFR[i] / 14.7}"),
         {"engine_speed_rpm": "RPM", "lambda_measured": "Lambda"},
     ),
+    "a separator at the ends of the rows alone": (
+        "Time,RPM,AFR\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},"),
+        {"engine_speed_rpm": "RPM", "lambda_measured": "AFR"},
+    ),
     "units above the names": (
         "s,rpm,AFR,mph\nTime,RPM,AFR,Speed\n"
         + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},{40 + i % 9}"),
@@ -297,6 +301,17 @@ def test_no_other_column_is_proposed(tmp_path: Path, column: str, cells: str, si
     assert signal not in tomllib.loads(out.read_text())["signals"]
 
 
+def test_a_repeated_header_with_other_units_ends_the_table(proposed: Proposed) -> None:
+    # GIVEN a logger that was set from °C to °F while it logged
+    half = "".join(f"{i / 10},{RPM[i]},{88 + i / 99:.2f}\n" for i in range(20))
+    header = "Time,RPM,Coolant\ns,rpm,[{}]\n"
+    table, _ = proposed(
+        header.format("°C") + half + header.format("°C") + half + header.format("°F") + half
+    )
+    assert len(table.t_ns) == 40
+    assert "read up to a header with another unit of Coolant" in table.notes.lines
+
+
 def test_a_unit_that_nobody_knows_is_one_in_a_row_of_units_too(
     proposed: Proposed, tmp_path: Path
 ) -> None:
@@ -310,7 +325,7 @@ def test_a_unit_that_nobody_knows_is_one_in_a_row_of_units_too(
     path.write_text("Time (sec),RPM,Boost,AF Sens 1 Ratio,AP Info\ns,rpm,zorks,AFR,-\n" + body)
     table = read_table(path)
     assert "manifold_pressure_kpa" not in table.names
-    assert any("Boost: its unit zorks is none of" in line for line in table.notes.lines)
+    assert any("Boost is left out: its unit zorks" in line for line in table.notes.lines)
 
 
 def test_a_column_that_is_not_taken_says_why(tmp_path: Path) -> None:
@@ -385,6 +400,9 @@ def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
         ("datenum", lambda i: f"{740050.5 + i / 864000:.9f}"),  # days since the year 0
         ("Time (days)", lambda i: f"{i / 864000:.9f}"),
         ("Temps (min)", lambda i: f"{i / 600:.6f}"),
+        ("Time", lambda i: f"2026-12-01 10:00:0{i / 10:.1f} UTC"),
+        ("Time", lambda i: f"20261201_10000{i / 10:.1f}"),
+        ("Time", lambda i: f"12:59:5{i / 10:.1f} p. m."),
         ("time", lambda i: f"{95958 + i / 10 + 4040 * (i >= 20):09.2f}"),  # of day, as hhmmss
     ],
 )
