@@ -145,49 +145,37 @@ class CatalystConfig:
     voltage_span_v: float
     voltage_std_v: float
     tail: float
-    sensor_lag_s: float
     sensor_sound_lags_s: tuple[float, ...]
     sensor_slow_lags_s: tuple[float, ...]
     sensor_late_s: float
     sensor_weak_gains: tuple[float, ...]
     sensor_prior: float
     lean_v: float
-    rich_v: float
-    stuck_range_v: float
     circuit_low_v: float
     circuit_high_v: float
     circuit_s: float
     circuit_after_s: float
-    circuit_lean_phi: float
     circuit_pass_s: float
     rest_band_v: float
     awake_v: float
-    inactive_s: float
-    inactive_oxygen_g: float
     wake_most_s: float
     heater_start_s: float
     position: str
     warm_degc: float
     warm_up_s: float
     hold_s: float
-    settle_s: float
     segment_s: float
-    segment_most: float
     rest_range_v: float
     rest_level_v: float
     rest_weight: float
     memory_s: float
-    evidence_weight: float
     evidence_segments: int
     evidence_most: float
     interval_weight: float
     capacity_model: float
     follow_low: float
-    follow_sound: float
     follow_late_s: float
     follow_longest_s: float
-    follow_gap_s: float
-    follow_hysteresis_v: float
 
     @property
     def close_coupled(self) -> bool:

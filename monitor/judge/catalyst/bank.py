@@ -40,8 +40,8 @@ class RearSensor:
 
 def bank_sensors(config: CatalystConfig) -> tuple[RearSensor, ...]:
     """Return the sensors of the bank, sound ones first."""
-    sound, late = config.sensor_lag_s, config.sensor_late_s
-    lags = config.sensor_sound_lags_s
+    late, lags = config.sensor_late_s, config.sensor_sound_lags_s
+    sound = lags[0]
     found = [RearSensor("", to_rich, to_lean) for to_rich in lags for to_lean in lags]
     for tau in config.sensor_slow_lags_s:
         found += [

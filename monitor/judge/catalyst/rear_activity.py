@@ -35,9 +35,8 @@ class RearActivity:
 
     def __init__(self, settings: Config) -> None:
         self._config, self._odds = settings.catalyst, settings.response
-        low, sound = self._config.follow_low, self._config.follow_sound
-        self._followed = math.log(low / sound)
-        self._missed = math.log((1.0 - low) / (1.0 - sound))
+        follows = self._config.follow_low
+        self._gain = math.log(follows / (1.0 - follows))  # of a trial, for or against
         self._front = self._rear = BETWEEN
         self._open: list[_Excursion] = []
         self._last_s = -math.inf
@@ -48,19 +47,19 @@ class RearActivity:
     def push(self, t_s: float, front_v: float, rear_v: float, *, burning: bool) -> bool:
         """Take one sample; return whether a trial ended.
 
-        A pause above ``follow_gap_s``, an unknown value and a fuel cut end all trials untold.
+        A pause above ``follow_late_s``, an unknown value and a fuel cut end all trials untold.
         """
         config, trials = self._config, self.trials
         known = math.isfinite(front_v) and math.isfinite(rear_v)
-        if not known or t_s - self._last_s > config.follow_gap_s:
+        if not known or t_s - self._last_s > config.follow_late_s:
             self._front = self._rear = BETWEEN
             self._open.clear()
         self._last_s = t_s
         if not known:
             return False
-        self._rear = _side(self._rear, rear_v, config.follow_hysteresis_v)
+        self._rear = _side(self._rear, rear_v, config.awake_v)
         self._shown.add(self._rear)
-        before, self._front = self._front, _side(self._front, front_v, config.follow_hysteresis_v)
+        before, self._front = self._front, _side(self._front, front_v, config.awake_v)
         if self._front != before:
             for each in self._open:
                 each.end_s = min(each.end_s, t_s)
@@ -76,7 +75,7 @@ class RearActivity:
             if each.end_s - each.begin_s <= config.follow_longest_s:
                 self.trials += 1
                 self.followed += each.is_followed
-                self.log_odds += self._followed if each.is_followed else self._missed
+                self.log_odds += self._gain if each.is_followed else -self._gain
         self.log_odds = min(max(self.log_odds, -config.evidence_most), config.evidence_most)
         return self.trials > trials
 

@@ -9,7 +9,7 @@
 - Heater: the ECU heats at full duty and the sensor wakes late, or the duty that was regulated
   before is full for long.
 
-An unheated sensor rests as an open circuit does, so a heater that failed explains the rest.
+An unheated sensor rests as an open circuit does, so one that may be cold is not called open.
 """
 
 import math
@@ -31,10 +31,12 @@ class RearCircuit:
     def __init__(self, settings: Config, period_s: float) -> None:
         self._config, self._heater = settings.catalyst, settings.plausibility
         self._period_s = period_s
-        # for how long, in s, something has held without a break; "high" lasts until a lean reading
+        # for how long, in s, something has held; "low" and "high" last until the circuit passes, so
+        # a loose contact adds up, and "high" until a lean reading, too
         self._for_s = dict.fromkeys(("low", "high", "rest", "lively", "full", "regulated"), 0.0)
         self._lean_g = self._most_lean_g = 0.0  # oxygen of one lean stretch, while at rest
         self._has_rested = self._was_regulated = self._heater_heard = False
+        self._is_mute = True  # the latest voltage tells nothing of the gas by itself
         # running time until the sensor first left its rest, 0 if it did not begin there
         self.wake_s: float | None = None
         self._said: dict[str, str] = {}
@@ -74,22 +76,24 @@ class RearCircuit:
 
     def _voltage(self, v: float, x: float, air_g_s: float, run_s: float) -> None:
         config, step_s = self._config, self._period_s
-        is_lean, is_hot = x > config.circuit_lean_phi, run_s > config.circuit_after_s
+        # leaner than any offset of the reading
+        is_lean, is_hot = x > max(config.offsets_phi), run_s > config.circuit_after_s
         apart = abs(v - MID_V)
-        is_high = v > config.circuit_high_v
-        self._hold("high", is_high or v >= config.lean_v, is_high)
-        self._hold("low", v < config.circuit_low_v, is_hot and not is_lean)
+        is_low, is_high = v < config.circuit_low_v, v > config.circuit_high_v
+        is_awake = apart > config.awake_v
+        self._hold("lively", not (is_low or is_high), is_awake)
+        lasts = self._for_s["lively"] < config.circuit_pass_s  # through a loose contact
+        self._hold("high", lasts or v >= config.lean_v, is_high)
+        self._hold("low", lasts, is_low and is_hot and not is_lean)
         rests = apart < config.rest_band_v
+        self._is_mute = rests or is_low or is_high
         self._hold("rest", rests, is_hot)
         more_g = OXYGEN_IN_AIR * air_g_s * x * step_s
         self._lean_g = self._lean_g + more_g if rests and is_lean else 0.0
         self._most_lean_g = max(self._most_lean_g, self._lean_g) if rests else 0.0
-        is_awake = apart > config.awake_v
         if self.wake_s is None:
             self.wake_s = run_s * self._has_rested if is_awake else None
             self._has_rested |= not is_awake
-        is_plausible = config.circuit_low_v <= v <= config.circuit_high_v
-        self._hold("lively", is_plausible, is_awake)
 
     def _heating(self, duty: float, run_s: float) -> None:
         config, is_full = self._config, duty >= self._heater.heater_full_percent
@@ -107,13 +111,13 @@ class RearCircuit:
             yield HEATER, HEATER
         elif self.can_judge_heater and is_awake and (self._was_regulated or not is_late):
             yield HEATER, ""
-        may_be_cold = self._said.get(HEATER) == HEATER
-        is_unmoved = self._most_lean_g >= config.inactive_oxygen_g
+        may_be_cold = held["full"] > 0.0 and (self._was_regulated or not is_awake)
+        is_unmoved = self._most_lean_g >= 2.0 * config.capacities_g[-1]
         if held["high"] >= config.circuit_s:
             yield CIRCUIT, HIGH
         elif held["low"] >= config.circuit_s:
             yield CIRCUIT, LOW
-        elif is_unmoved and held["rest"] >= config.inactive_s and not may_be_cold:
+        elif is_unmoved and held["rest"] >= config.circuit_s and not may_be_cold:
             yield CIRCUIT, INACTIVE
         elif held["lively"] >= config.circuit_pass_s:
             yield CIRCUIT, ""
@@ -122,5 +126,7 @@ class RearCircuit:
     def is_doubtful(self) -> bool:
         """Return whether the latest voltage may be no reading of the gas."""
         config, held = self._config, self._for_s
+        if self._is_mute and self._said.get(CIRCUIT) != "":
+            return True  # nothing has shown yet that the circuit is sound
         longest = max(held["low"], held["high"], held["rest"] - config.circuit_s)
         return longest > 0.5 * config.circuit_pass_s

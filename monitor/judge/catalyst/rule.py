@@ -1,10 +1,10 @@
 """The catalyst's rule: which catalyst, sensor and offset explain the downstream voltage?
 
 Each member of the bank predicts the voltage. The log likelihood of the measured voltage, in a
-distribution with heavy tails, is summed over segments of a few seconds. No segment counts for more
-than ``segment_most`` against any member, so one oddity decides nothing. A long drive counts as
-``evidence_segments``, the latest most: errors of the model repeat in every segment, and would win
-by the length of a drive alone.
+distribution with heavy tails, is summed over segments of a few seconds. Against any member a
+segment counts for no more than a window of the response rule, so one oddity decides nothing. A long
+drive counts as ``evidence_segments``, the latest most: errors of the model repeat in every segment,
+and would win by the length of a drive alone.
 Claims are compared by the sequential test of the response rule: a claim holds when it leads by the
 log odds of the stated probabilities of a false alarm and of a miss (Wald, Sequential Analysis,
 section 3.2).
@@ -18,7 +18,7 @@ import numpy as np
 
 from monitor.base.config import Config, ResponseConfig
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank
+from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, CatalystBank
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
 from monitor.judge.window import Opinion
 
@@ -56,8 +56,7 @@ class CatalystRule:
         config = self._config
         bank = self._bank = CatalystBank(config, period_s, wide=wide)
         self._n_segment = max(round(config.segment_s / period_s), 1)
-        self._n_settle = round(config.settle_s / period_s)
-        self._weight = config.evidence_weight * period_s / config.memory_s
+        self._weight = period_s / config.memory_s
         capacity = bank.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
         margin = config.threshold_margin
@@ -80,7 +79,6 @@ class CatalystRule:
         """Lose track of the filling, after samples that are missing."""
         self._bank.reset()
         self._begin()
-        self._wait = self._n_settle
 
     def _begin(self) -> None:
         self._segment, self._product = np.zeros(self._bank.shape), np.ones(self._bank.shape)
@@ -95,9 +93,6 @@ class CatalystRule:
         x : 1 - 1/lambda upstream; counts : whether the sample may be judged
         """
         predicted = self._bank.step(x, air_g_s)
-        if self._wait:
-            self._wait -= 1
-            return False
         if counts:
             self._add(predicted, volts)
         is_full = counts and self._n == self._n_segment
@@ -129,10 +124,9 @@ class CatalystRule:
 
     def _close(self) -> None:
         self._add_product()
-        most = self._config.segment_most
         segment = self._fairly() * self._weight
         possible = [self._may_be(fault) for fault in self._faults]
-        gained = np.clip(segment - segment[possible].max(), -most, 0.0)
+        gained = np.clip(segment - segment[possible].max(), -self._odds.evidence_window, 0.0)
         if self.segments >= self._config.evidence_segments:
             keep = 1.0 - 1.0 / self._config.evidence_segments
             self._evidence *= keep
@@ -167,15 +161,12 @@ class CatalystRule:
         return np.asarray(total)
 
     def _may_be(self, fault: str) -> bool:
-        """Return whether the range of the voltage so far allows a fault of its amplitude."""
-        config = self._config
-        if fault == WEAK:
-            return self.low_v > config.lean_v or self.high_v < config.rich_v
-        if fault in STUCK:
-            is_lean = self._sum_v < MID_V * self._n_v
-            still = self.high_v - self.low_v <= config.stuck_range_v
-            return still and fault == STUCK[0 if is_lean else 1]
-        return True
+        """Return whether the voltage so far allows a fault: a stuck one rests, on its own side."""
+        if fault not in STUCK:
+            return True
+        is_lean = self._sum_v < MID_V * self._n_v
+        is_still = self.high_v - self.low_v <= self._config.rest_range_v
+        return is_still and fault == STUCK[0 if is_lean else 1]
 
     def catalyst(self) -> Claim:
         """Return how the evidence stands for a catalyst below the threshold."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig, Config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst.bank import LEAK, switching_volts
+from monitor.judge.catalyst.bank import LEAK, MID_V, switching_volts
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, RearCircuit
 from monitor.judge.catalyst.rule import CatalystRule
 from monitor.judge.window import Opinion
@@ -80,8 +80,9 @@ def _estimates(rule: CatalystRule, grams: float, config: CatalystConfig) -> Iter
     limit_s = math.sqrt(max(config.sensor_sound_lags_s) * min(config.sensor_slow_lags_s))
     for edge, lag_s in rule.sensor_lags().items():
         yield TestResult("downstream", f"lag_{edge}_s", lag_s, 0.0, limit_s)
+    rich_v = 2.0 * MID_V - config.lean_v
     yield TestResult("downstream", "least_v", rule.low_v, config.circuit_low_v, config.lean_v)
-    yield TestResult("downstream", "most_v", rule.high_v, config.rich_v, config.circuit_high_v)
+    yield TestResult("downstream", "most_v", rule.high_v, rich_v, config.circuit_high_v)
     sound = config.offset_sound_phi
     yield TestResult("balance", "upstream_offset_phi", -rule.offset()[0], -sound, sound)
 
@@ -163,7 +164,8 @@ class CatalystMonitor:
         if self._missing > self._n_hold or not all(map(math.isfinite, held)):
             return
         air_g_s = held[2] / KG_H_PER_G_S
-        counts = runs and is_complete and self._is_warm(sample) and not self.circuit.is_doubtful
+        is_believed = self._is_wide or not self.circuit.is_doubtful
+        counts = runs and is_complete and self._is_warm(sample) and is_believed
         counts = counts and air_g_s <= self._config.flow_most_g_s
         x = self._entering(_x_of(held[1]), _x_of(before[1]))
         if self.rule.push(x, air_g_s, held[0], counts=counts):

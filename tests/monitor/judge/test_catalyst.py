@@ -24,6 +24,7 @@ BIASES = [
     (-0.022, {"balance_lean", "biased_rich"}),
 ]
 SETTINGS = config.shipped().catalyst
+RESPONSE = config.shipped().response
 NAMES = (*NEEDED, "engine_speed_rpm")
 
 
@@ -149,6 +150,20 @@ def test_a_sensor_that_is_slower_in_one_direction_within_the_spread_is_sound(
     assert (entry["verdict"], entry["sensor_verdict"]) == ("passed", "passed")
 
 
+@pytest.mark.parametrize(
+    ("volts", "fault"), [(0.3, "downstream_stuck_lean"), (0.8, "downstream_stuck_rich")]
+)
+def test_a_voltage_that_no_gas_moves_is_stuck_on_its_side_and_passes_nothing(
+    volts: float, fault: str
+) -> None:
+    values = a_drive(0.3)
+    values[:, 0] = volts + 0.01 * np.random.default_rng(1).standard_normal(len(values))
+    _, results = judged(values)
+    # THEN only the sensor is called, and its circuit alone passes
+    assert {r.claim.fault for r in results if r.claim.outcome == "failed"} == {fault}
+    assert {r.test for r in results if r.claim.outcome == "passed"} == {"downstream_circuit"}
+
+
 @pytest.mark.parametrize(("offset", "faults"), BIASES)
 def test_an_upstream_offset_contradicts_the_balance(offset: float, faults: set[str]) -> None:
     monitor, results = judged(a_drive(0.3, offset=offset))
@@ -185,15 +200,24 @@ def spoken(rule: CatalystRule, fault: str, lead: float) -> float:
 
 def test_no_segment_decides_alone() -> None:
     rule = CatalystRule(config.shipped(), PERIOD_S)
-    assert spoken(rule, SLOW, 1e6) < SETTINGS.segment_most
+    assert spoken(rule, SLOW, 1e6) < RESPONSE.evidence_window
+
+
+@pytest.mark.parametrize(("most_v", "fault"), [(0.78, "downstream_stuck_rich"), (0.95, None)])
+def test_a_sensor_that_moved_is_not_stuck(most_v: float, fault: str | None) -> None:
+    rule = CatalystRule(config.shipped(), PERIOD_S)
+    rule.low_v, rule.high_v = 0.7, most_v
+    for _ in range(10):
+        spoken(rule, "downstream_stuck_rich", RESPONSE.evidence_window)
+    assert rule.sensor().fault == fault
 
 
 def test_a_sensor_that_fails_after_hours_shows_within_five_minutes() -> None:
     rule = CatalystRule(config.shipped(), PERIOD_S)
     for _ in range(300):
-        spoken(rule, "", SETTINGS.segment_most)
-    after = [spoken(rule, SLOW, SETTINGS.segment_most) for _ in range(60)]
-    assert after[0] < 0.0 < config.shipped().response.evidence_fail < after[-1]
+        spoken(rule, "", RESPONSE.evidence_window)
+    after = [spoken(rule, SLOW, RESPONSE.evidence_window) for _ in range(60)]
+    assert after[0] < 0.0 < RESPONSE.evidence_fail < after[-1]
 
 
 @pytest.mark.parametrize(
@@ -205,7 +229,7 @@ def test_a_longer_drive_makes_no_error_of_the_model_certain(segments: int, fades
     rule = CatalystRule(replace(config.shipped(), catalyst=own), PERIOD_S)
     odds = [spoken(rule, SLOW, 0.05) for _ in range(8 * 60)]
     # THEN the claim stays open however long the drive is, unless nothing fades
-    assert (max(odds) < config.shipped().response.evidence_fail) is fades
+    assert (max(odds) < RESPONSE.evidence_fail) is fades
     assert odds[-1] > odds[0]
 
 
