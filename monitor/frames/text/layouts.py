@@ -385,8 +385,11 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
     head = head_of(path, _HEAD_BYTES)
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
+    is_candump = CANDUMP.begins.match(text)
+    if is_candump and not re.match(r"\s*\(0+\.0+\)", text):  # no times since the line before
+        return LayoutFound(CANDUMP, encoding)
     text = _COLOURS.sub("", text)
-    layout = CANDUMP if CANDUMP.begins.match(text) else _known(text)
+    layout = CANDUMP if is_candump else _known(text)
     for each in UNREAD["text"] if layout is None else ():
         if re.search(each["begins"], text, _ANY | re.M):
             told = f"a CAN log, {each['is']}: not read, convert it with {each['converter']}"

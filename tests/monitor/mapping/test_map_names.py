@@ -208,6 +208,8 @@ def test_what_only_resembles_is_not_proposed(signal: str, canonical: str) -> Non
         ("Engine_1", 'MAP (0.01,0) [0|400] "mpa"'),  # a unit too large for its range
         ("Radar_Object", 'Speed (0.07,0) [0|71] "km/h"'),
         ("Manifold", 'EngMnfldPress (0.1,-206) [-206|600] "kPa"'),
+        ("IC1", 'EngIntakeManifold1Press (2,0) [0|500] "kPa"'),  # SPN 102 is a gauge's
+        ("Engine_1", 'SensorSupplyVoltage (0.001,0) [0|16] "V"'),
     ],
 )
 def test_a_signal_of_another_quantity_stays_a_comment(message: str, signal: str) -> None:
