@@ -32,7 +32,8 @@ def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArr
     """
     loaded = Model.load(model)
     rows = [checked(loaded, recording) for recording in recordings]
-    keys = [(loaded.sha256, _sha256(row)) for row in rows]
+    digests = [hashlib.sha256(b"".join(map(np.ndarray.tobytes, row))).hexdigest() for row in rows]
+    keys = [(loaded.sha256, digest) for digest in digests]
     found = {key: _memory.pop(key) for key in {*keys} & _memory.keys()}
     new = {key: row for key, row in zip(keys, rows, strict=True) if key not in found}
     order = sorted(new, key=lambda key: len(new[key][1]))  # similar lengths side by side
@@ -44,10 +45,6 @@ def predicted_phi(model: Path, recordings: Sequence[Recording]) -> list[FloatArr
     for key in list(_memory)[:-REMEMBERED]:
         del _memory[key]
     return [found[key].copy() for key in keys]
-
-
-def _sha256(row: tuple[FloatArray, FloatArray]) -> str:
-    return hashlib.sha256(b"".join(values.tobytes() for values in row)).hexdigest()
 
 
 def checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]:

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -82,7 +81,7 @@ def _verdict(found: Figures) -> str:
         reason = ": no judged recording ends with one"
     else:
         often = Counter(c for each in found["drives_with_code"] for c in sorted({*each["codes"]}))
-        code, drives = max(sorted(often.items()), key=itemgetter(1))
+        ((code, drives),) = often.most_common(1)
         names = [each["fault"] for each in found["codes"] if each["code"] == code]
         reason = (
             f", in {found['with_code']['events']:,} of {found['judged']:,} judged recordings; most "

@@ -141,15 +141,11 @@ def _standing(standing: Standing) -> Figures:
             {
                 "vehicle": standing.vehicles[i],
                 "value": float(standing.values[i]),
-                "distance": _finite(float(standing.distance[i])),
+                "distance": max(min(float(standing.distance[i]), 1e9), -1e9),  # no infinity
             }
             for i in standing.out
         ],
     }
-
-
-def _finite(value: float) -> float:
-    return max(min(value, 1e9), -1e9)  # JSON has no infinity
 
 
 def _sum(table: pl.DataFrame, column: str) -> float:

@@ -101,8 +101,7 @@ class Candidate:
         return self._by_name(self.fit.standard_errors[-1].tolist())
 
     def _by_name(self, values: list[float]) -> dict[str, float]:
-        names = (p.name for p in self.term.parameters)
-        return dict(zip(names, values, strict=True))
+        return dict(zip((p.name for p in self.term.parameters), values, strict=True))
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,8 +63,7 @@ def find_drivers(recordings: Sequence[Comparison]) -> list[Driver]:
         if name not in NO_DRIVERS and all(name in r.signals for r in recordings)
     ]
     for name, make in DERIVED.items():
-        made = [make(r) for r in recordings]
-        values = tuple(m for m in made if m is not None)
+        values = tuple(made for r in recordings if (made := make(r)) is not None)
         if len(values) == len(recordings):
             found.append(Driver(name, values))
     rows = [r.scored for r in recordings]
