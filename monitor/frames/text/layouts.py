@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from importlib.resources import files
 from itertools import pairwise
+from operator import gt, lt
 from pathlib import Path
 from statistics import median
 from typing import Any, Final, NamedTuple
@@ -105,7 +106,7 @@ _DATE: Final = re.compile(
 )
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
-_COUNT_US: Final = float(1 << 32)  # after which a sketch's micros() begins anew
+_COUNT_S: Final = (1 << 32) / 1e6  # after which a sketch's micros() begins anew
 _CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and not every 3000 µs
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
@@ -285,7 +286,7 @@ LAYOUTS: Final = (
         "",
         r"(?P<time>\d+) - @id (?:S|(?P<ext>X)) @channel @length@data",
         time_s=lambda text: int(text) / 1e6,
-        wraps_s=_COUNT_US / 1e6,
+        wraps_s=_COUNT_S,
     ),
     _layout(
         "CARBUS Analyzer",
@@ -321,6 +322,9 @@ TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …
     "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#%\u0080-\uffff].*", wraps_s=_DAY_S
 )
 _REST: Final = r'(?:"[^"]*"|[^{sep}]*+)'  # a cell; {sep} parts them
+_ALL_BYTES: Final = (  # of a list with commas, too
+    r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*+|[0-9a-fx: -]*+)\]?"
+)
 _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _OF: Final = r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
@@ -334,10 +338,11 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
         r"(?P<id>(?:0x)?[0-9a-f]{1,9})[hx]?",
     ),
     (
-        r"(?:can[ _-]?)?(?:bus|channel|chan|chn?|kanal|interface|iface|network|net|port)"
-        r"(?:[ _]?(?:channel|id|no|nr|num\w*))?\.?|can|device|(?:can)?通道号?",
+        r"(?:can[ _-]?)?(?:bus|channel|chan|chn?|kanal|interface|iface|network|net)"
+        r"(?:[ _]?(?:channel|id|no|nr|num\w*))?\.?|(?:can)?通道号?",
         r"(?P<channel>[^{sep}]*+)",
     ),
+    (r"can|device|(?:can[ _-]?)?port\b.*", r"(?P<channel>[^{sep}]*+)"),  # where none is above
     (rf"{_OF}(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度", r"(?:0x)?(?P<length>\d*)"),
     (r"(?:is[_ ]?)?ext\w*|ide|xtd|format|frame|帧格式", rf"(?:(?P<ext>{_YES})|{_REST})"),
     (r"(?:is[_ ]?)?(?:remote|rtr)", rf"(?:(?P<remote>t|1|true|rem\w*)|{_REST})"),
@@ -349,14 +354,15 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
     ),
     (r"flags?", r'(?P<flags>[^{sep}"]*+)'),
     (
-        rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|message|"
+        rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|"
         r"数据(?:\(hex\))?",
-        r"(?:x\|)? *\[?(?P<data>(?<=\[)[0-9a-fx, ]*+|[0-9a-fx: -]*+)\]?",  # of a list with commas
+        _ALL_BYTES,
     ),
     (
         r"(?:data|byte|d|b)[ _]?[01]",
         r"(?P<data>(?:0x)?[0-9a-f]{0,3}(?:{sep} *+(?:0x)?[0-9a-f]{0,3} *+){0,{further}})",
     ),
+    ("message", _ALL_BYTES),  # elsewhere a name
 )
 _BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 # what is known and not read: suffixes or how it begins, what it is, and the tool that converts it
@@ -419,7 +425,7 @@ def _known(text: str) -> TextLayout | None:
         return layout or _table(text)
     rows = list(filter(None, map(ROWS.match, text.splitlines())))
     times = [row["time"] for row in rows]
-    if not all(map(str.isdigit, times)):
+    if not all(map(str.isdigit, times)) or len(times[0]) > 12:  # with a point, or since 1970
         return ROWS
     steps = {int(b) - int(a) for a, b in pairwise(times)}
     if min(steps) < 0 or max(steps) <= 1:  # a channel, or a counter of rows
@@ -543,7 +549,7 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
         raise RecordingError(f"its column {named} counts in an unknown unit: call it time_us, …")
     else:
         step_s = 1e-6 if step * n_ids >= _CYCLE else 1e-3
-    wraps_s = min(_DAY_S, _COUNT_US * step_s)
+    wraps_s = _COUNT_S if step_s == 1e-6 else _DAY_S
     return {"time_s": lambda text: _seconds(text) * step_s, "wraps_s": wraps_s}
 
 
@@ -575,13 +581,16 @@ def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
 def _are_deltas(layout: TextLayout, rows: Sequence[re.Match[str]], text: str) -> bool:
     """Return whether times are those since the line before: Vector's and BusMaster's header say so.
 
-    Those of candump -td begin with 0, as with -tz, and the later ones are no larger.
+    Those of candump -td begin with 0, as with -tz, fall often and the later ones are no larger.
     """
     if layout.tool not in (_CONSOLE, CANDUMP.tool):
         return bool(_RELATIVE.search(text))
     times_s = [layout.time_s(row["time"]) for row in rows]
     middle = (len(times_s) + 1) // 2
-    return times_s[:1] == [0.0] and median(times_s[middle:] or [1.0]) <= max(times_s[:middle])
+    rises, falls = (sum(map(is_so, times_s, times_s[1:])) for is_so in (lt, gt))
+    if times_s[:1] != [0.0] or rises > 2 * falls + 1:
+        return False
+    return median(times_s[middle:] or [1.0]) <= max(times_s[:middle])
 
 
 def frames_of_lines(

@@ -151,12 +151,29 @@ def test_a_counter_of_microseconds_goes_on_when_it_begins_anew(tmp_path: Path) -
     assert steps == {100_000_000}
 
 
+@pytest.mark.parametrize(
+    "times_s",
+    [
+        [0.0, 0.01, 0.02, 0.03, 0.05, 0.04, 0.06, 0.08, 0.07],
+        [0.0, 0.01, 0.02, 0.03, 0.04, 0.0, 0.01, 0.02, 0.03, 0.04],  # two drives in a file
+        [0.0, 0.01, 0.02, 9.0, 0.03, 0.04, 0.05, 0.06],  # a clock that was off once
+    ],
+)
 def test_frames_out_of_order_behind_a_zero_are_no_times_since_the_line_before(
-    tmp_path: Path,
+    tmp_path: Path, times_s: list[float]
 ) -> None:
-    path, times_s = tmp_path / "drive.log", [0.0, 0.01, 0.02, 0.03, 0.05, 0.04, 0.06, 0.08, 0.07]
+    path = tmp_path / "drive.log"
     path.write_text("".join(f"({each:010.6f}) can0 0C2#01\n" for each in times_s))
     assert [frame.t_ns / 1e9 for frame in read_frames(path)] == times_s
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 0, 0, 0], [0, 20, 10, 30]])
+def test_rows_of_frames_with_times_since_1970_need_no_steps(
+    tmp_path: Path, order: list[int]
+) -> None:
+    path, times_ms = tmp_path / "drive.txt", [1_700_000_000_000 + each for each in order]
+    path.write_text("".join(f"{each} 0C2 2 01 02\n" for each in times_ms))
+    assert [frame.t_ns // 1_000_000 for frame in read_frames(path)] == times_ms
 
 
 def test_the_first_cells_of_a_table_of_frames_may_be_empty(tmp_path: Path) -> None:
@@ -267,13 +284,14 @@ def test_milliseconds_since_1970_may_have_a_decimal_comma(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     "name",
-    ["Chan", "Port", "CAN", "can_bus", "Bus ID", "CAN Channel", "Channel No.", "Ch.", "iface"],
+    ["Chan", "Port", "can_bus", "Bus ID", "CAN Channel", "Channel No.", "iface", "Port,Ch."],
 )
 def test_channels_of_a_table_of_frames_are_told_apart_whatever_they_are_called(
     tmp_path: Path, name: str
 ) -> None:
     path = tmp_path / "both.csv"
-    rows = [f"0.{i},{1 + i % 2},C2,0{i % 2}\n" for i in range(9)]
+    more = "USB1," * name.count(",")  # the adapter's, beside the channel
+    rows = [f"0.{i},{more}{1 + i % 2},C2,0{i % 2}\n" for i in range(9)]
     path.write_text(f"Time,{name},CAN ID,Data\n" + "".join(rows))
     with pytest.raises(RecordingError, match="0C2 is on the channels '1' and '2'"):
         list(read_blocks(path, channels=Channels(mapped=[0xC2])))
@@ -289,6 +307,7 @@ def test_channels_of_a_table_of_frames_are_told_apart_whatever_they_are_called(
         ("Type", "Error Frame", []),
         ("Type,RTR", "Data,1", []),  # two columns that may say it
         ("Format,Type", "Standard,Data", [(0xC2, False)]),
+        ("Message", "Engine", [(0xC2, False)]),  # a name
     ],
 )
 def test_a_table_of_frames_tells_their_kind_in_words(
