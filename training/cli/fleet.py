@@ -82,13 +82,16 @@ def run(args: FleetCommand) -> int:
         result = fleet.run(drives, kit, args.out, done, jobs=args.n_jobs, scheduler=args.scheduler)
     from training.fleet.page import fleet_page  # its pictures take a second to import
 
-    html, json_path, decided = fleet_page.write(args.out, kit, result, partial(_replay, args))
+    html, json_path, found = fleet_page.write(args.out, kit, result, partial(_replay, args))
     fleet.finish(args.out)
     print(
         f"{counted(result['drives'], 'recording')}, {result['driving_s'] / 3600.0:.1f} h: "
         f"{result['faults']} with a code, {result['errors']} could not be judged; "
-        f"the response test decided {decided}"
+        f"the response test decided {found['completed']['events']}"
     )
+    for each in found["not_judged"][:3]:
+        which = f"{counted(each['recordings'], 'recording')}, {each['examples'][0]}"
+        print(f"not judged: {which}: {each['reason']}")
     print(f"recordings: {args.out}\nwindows: {fleet.windows_path(args.out)}")
     print(f"figures: {json_path}\nreport: {html}")
     return 0 if result["errors"] < result["drives"] else 3

@@ -146,14 +146,17 @@ def _listed(given: str) -> list[tuple[str, str]]:
     found = places.find(given)
     if found == [given] and places.name_of(given).lower().endswith(".csv"):
         text = places.read_text(given).lstrip("\ufeff")
-        header = next(csv.reader(text.splitlines()[:1], skipinitialspace=True), [])
+        head = text.splitlines()[:1]
+        delimiter = next((each for each in ";\t" if each in "".join(head)), ",")
+        header = next(csv.reader(head, delimiter=delimiter, skipinitialspace=True), [])
         if "path" in (name.strip() for name in header):
-            return _manifest(given, text)
+            return _manifest(given, text, delimiter)
     return [(path, "") for path in found]
 
 
-def _manifest(url: str, text: str) -> list[tuple[str, str]]:
-    reader = csv.DictReader(io.StringIO(text, newline=None), skipinitialspace=True)
+def _manifest(url: str, text: str, delimiter: str) -> list[tuple[str, str]]:
+    lines = io.StringIO(text, newline=None)
+    reader = csv.DictReader(lines, delimiter=delimiter, skipinitialspace=True)
     reader.fieldnames = [name.strip() for name in reader.fieldnames or ()]
     unknown = [name for name in reader.fieldnames if name not in ("path", "vehicle")]
     if unknown:

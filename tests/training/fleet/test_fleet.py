@@ -270,6 +270,23 @@ def test_a_manifest_that_cannot_be_meant_is_refused(tmp_path: Path, text: str, s
         drives_of([str(tmp_path / "m.csv")])
 
 
+@pytest.mark.parametrize("between", [",", ";", "\t"])
+def test_a_manifest_has_the_separator_of_its_spreadsheet(between: str, tmp_path: Path) -> None:
+    rows = [between.join(row) for row in (("a.log", "first"), ("b.log", ""))]
+    found = drives_of([manifest_of(tmp_path, between.join(("path", "vehicle")), *rows)])
+    assert [Path(drive.path).name for drive in found] == ["a.log", "b.log"]
+    assert [drive.vehicle for drive in found] == ["first", "b.log"]
+
+
+def test_the_command_says_why_recordings_could_not_be_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    manifest = manifest_of(tmp_path, "path", "gone.log", "lost.log")
+    assert main(["fleet", manifest, "--model", MODEL, "--out", str(tmp_path / "f.parquet")]) == 3
+    said = f"not judged: 2 recordings, {tmp_path}/gone.log: cannot read it: No such file"
+    assert said in capsys.readouterr().out
+
+
 def test_a_logger_s_file_in_any_encoding_is_a_recording_and_no_manifest(tmp_path: Path) -> None:
     path = tmp_path / "live.csv"
     path.write_text("Time(s), O2 Voltage (V)\n0.0, 0.3\n", encoding="utf-16")

@@ -26,8 +26,8 @@ SHOWN: Final = 10  # of them before the rest is folded
 
 def write(
     out: Path, kit: WorkerKit, run: Mapping[str, Any], replay: Callable[[str], str]
-) -> tuple[Path, Path, int]:
-    """Write page and JSON beside the table ``out``; return paths and count of decided drives.
+) -> tuple[Path, Path, Figures]:
+    """Write page and JSON beside the table ``out``; return their paths and figures.
 
     run : what ``run.run`` returned
     replay : returns the command that judges the recording of a path
@@ -70,7 +70,7 @@ def write(
         ],
     )
     write_text(html, content)
-    return html, tree, found["completed"]["events"]
+    return html, tree, found
 
 
 def _verdict(found: Figures) -> str:
