@@ -121,13 +121,15 @@ int main(int argc, char *argv[])
         return 2;
     }
     o2_init(&monitor, &o2_any_vehicle);
-    for (long tick = 0; fgets(line, (int)sizeof(line), file) != NULL; tick++) {
+    long tick = 0, enabled = 0;
+    for (; fgets(line, (int)sizeof(line), file) != NULL; tick++) {
         int found = cells(line, cell);
         fill(&sample, cell, (found < n) ? found : n, place);
         o2_step(&monitor, &sample, &result);
+        enabled += result.enabled ? 1 : 0;
         print(&monitor, &result, tick);
     }
     (void)fclose(file);
-    printf("fault flag %d\n", result.fault_flag ? 1 : 0);
+    printf("%ld of %ld samples enabled, fault flag %d\n", enabled, tick, result.fault_flag ? 1 : 0);
     return result.fault_flag ? 1 : 0;
 }

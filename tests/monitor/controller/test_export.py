@@ -48,6 +48,7 @@ def test_it_compiles_and_judges_a_table(compiler: str, exported: Path, tmp_path:
         table.write_text(",".join(names) + "\n" + "1.0,2000,1,0\n" + f"{cell},2000,1,0\n" * 250)
         heard.append(subprocess.run([out, table], capture_output=True, text=True, check=False))
     assert heard[1].stdout == heard[0].stdout
+    assert "0 of 251 samples enabled, fault flag 1\n" in heard[0].stdout  # no input of the model
     lost = subprocess.run([out, tmp_path / "no.csv"], capture_output=True, text=True, check=False)
     assert (lost.returncode, lost.stderr) == (2, "example: cannot read the table\n")
     # and a table without the sensor is no silent sensor
