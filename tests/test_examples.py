@@ -62,7 +62,8 @@ def test_a_query_finds_a_late_sensor_in_the_results_of_a_fleet(
 ) -> None:
     fleet = example("fleet_in_dask")
     monkeypatch.setattr(fleet, "FLEET", {"taxi_18": ("delay_rich_to_lean",) * 2})
-    monkeypatch.setattr(fleet_page, "write", lambda *_: ("", "", 2))  # drawn in tests of its own
+    figures = {"completed": {"events": 2}, "not_judged": []}
+    monkeypatch.setattr(fleet_page, "write", lambda *_: ("", "", figures))  # drawn in its own tests
     fleet.main(None)
     said = capsys.readouterr().out
     assert "taxi_18 2026-03-02: P015A delay_rich_to_lean, pending" in said

@@ -3,7 +3,6 @@
 import argparse
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 from monitor.base.command_line import command
@@ -24,13 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run ``o2mon``; return the exit code."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    return command.run("o2mon", _parser, argv, _kinds_of)
-
-
-def _kinds_of(path: Path) -> set[str]:
-    from monitor.grid.tables import kinds_of
-
-    return kinds_of(path)
+    return command.run("o2mon", _parser, argv, kinds="monitor.grid.tables")
 
 
 def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:

@@ -13,12 +13,12 @@ from monitor.base.command_line.option_kinds import BUS, LOG, TABLE, ActsOn
 from monitor.base.command_line.parameters import OF_FRAMES, ColumnNames, Output
 from monitor.base.command_line.signature import REPEATED
 from monitor.base.errors import ConfigError, RecordingError, UsageError
+from monitor.base.files.junit import JunitRun, junit_file
 from monitor.cli.options import Seconds, SetupOptions, add_bus, bus_address, open_bus, say, set_up
 
 if TYPE_CHECKING:
     import can
 
-    from monitor.base.files.junit import JunitRun
     from monitor.inject.expected import Recording
     from monitor.inject.scenario import Scenario
     from monitor.inject.side import Side
@@ -88,13 +88,11 @@ def also_written(args: InjectOptions) -> list[Path]:
 
 def run(args: InjectOptions) -> int:
     """Put faults into an engine's frames, or into a log."""
-    from monitor.base.files.junit import junit_file
-
     with junit_file(args.junit, "o2mon.inject") as tests:
         return _inject(args, tests)
 
 
-def _inject(args: InjectOptions, tests: "JunitRun") -> int:
+def _inject(args: InjectOptions, tests: JunitRun) -> int:
     from monitor.inject.expected import case, compare, table
 
     if args.log and not (args.out or args.check):

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
+from monitor.base.files.junit import JunitRun, junit_file
 from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
 from monitor.cli.sinks import SinkOptions, appended, open_sinks, spoken
-
-if TYPE_CHECKING:
-    from monitor.base.files.junit import JunitRun
 
 __all__ = ["EXAMPLES", "appended", "run"]
 
@@ -44,13 +42,11 @@ class ReplayOptions(JudgeOptions, ColumnNames, LogChannel, SinkOptions):
 
 def run(args: ReplayOptions) -> int:
     """Judge recorded drives."""
-    from monitor.base.files.junit import junit_file
-
     with junit_file(args.junit, "o2mon.replay") as tests:
         return _replay(args, tests)
 
 
-def _replay(args: ReplayOptions, tests: "JunitRun") -> int:
+def _replay(args: ReplayOptions, tests: JunitRun) -> int:
     from monitor.frames.text.python_can import import_cantools_alone
 
     import_cantools_alone()

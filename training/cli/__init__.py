@@ -3,7 +3,6 @@
 import argparse
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 from monitor.base.command_line import command
@@ -29,13 +28,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # two BLAS threads are slower than one here
     import_cantools_alone()  # python-can with all that it finds takes a second, and few need it
-    return command.run("o2train", _parser, argv, _kinds_of, extra="training")
-
-
-def _kinds_of(path: Path) -> set[str]:
-    from monitor.grid.tables import kinds_of
-
-    return kinds_of(path)
+    return command.run("o2train", _parser, argv, kinds="monitor.grid.tables", extra="training")
 
 
 def _parser(arguments: Sequence[str] | None) -> argparse.ArgumentParser:

@@ -42,7 +42,6 @@ def run(
     Raises UsageError, ConfigError, ModelError or RecordingError (exit code 2).
     """
     from monitor.base import config
-    from monitor.base.errors import UsageError
     from monitor.base.files.outputs import write_text
     from monitor.model.step import Model
     from training.jobs.run_folder import write_json
@@ -51,8 +50,6 @@ def run(
     from training.narx.export import update_card
 
     goal = out or model
-    if goal.suffix != ".onnx":
-        raise UsageError(f"{goal}: a model file ends in .onnx")
     emissions = {}
     if emission_limit is not None:
         from training.dyno.tailpipe import proposal

@@ -119,8 +119,6 @@ def _options(args: FitCommand) -> "FitOptions":
     from monitor.base.errors import UsageError
     from training.narx.fit import FitOptions
 
-    if args.out.suffix != ".onnx":
-        raise UsageError(f"--out {args.out}: a model file ends in .onnx")
     given = [name for name in OF_NETWORKS if getattr(args, name) != getattr(FitCommand, name)]
     if args.kind == "greybox" and given:
         wrong = ", ".join(f"--{name.replace('_', '-')}" for name in given)

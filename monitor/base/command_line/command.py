@@ -17,7 +17,6 @@ from types import ModuleType
 from typing import Any, Final, NoReturn, TextIO
 
 from monitor.base.command_line import option_kinds, option_paths
-from monitor.base.command_line.option_kinds import KindsOf
 from monitor.base.command_line.signature import add_command
 from monitor.base.errors import O2Error
 
@@ -83,13 +82,14 @@ def run(
     name: str,
     parser: Callable[[Sequence[str]], argparse.ArgumentParser],
     argv: Sequence[str] | None,
-    kinds_of: KindsOf = lambda _: (),
+    *,
+    kinds: str = "",
     extra: str | None = None,
 ) -> int:
     """Parse the arguments, check the files of the options, run the command; return its exit code.
 
     parser : makes the parser that the arguments need
-    kinds_of : returns what a recording may be
+    kinds : module whose ``kinds_of`` tells what a recording may be, imported if an option asks
     extra : optional dependencies that the user is told to install if a package is missing
     """
     for stream in (sys.stdout, sys.stderr):  # a name in another encoding must not end a command
@@ -98,7 +98,7 @@ def run(
                 stream.reconfigure(errors="backslashreplace")
     try:
         words = sys.argv[1:] if argv is None else argv
-        return _run(parser(words), words, kinds_of)
+        return _run(parser(words), words, kinds)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
@@ -115,14 +115,15 @@ def run(
         return USAGE_ERROR if text else INTERNAL_ERROR
 
 
-def _run(parser: argparse.ArgumentParser, argv: Sequence[str], kinds_of: KindsOf) -> int:
+def _run(parser: argparse.ArgumentParser, argv: Sequence[str], kinds: str) -> int:
     try:
         args = parser.parse_args(argv)
     except SystemExit:  # after --help, or an impossible option
         _flush(sys.stdout)
         raise
     option_paths.check(parser, args)
-    option_kinds.check(parser, args, kinds_of)
+    if kinds:
+        option_kinds.check(parser, args, lambda path: import_module(kinds).kinds_of(path))
     code = int(args.func(args))
     _flush(sys.stdout)
     return code

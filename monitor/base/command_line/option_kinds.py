@@ -43,9 +43,9 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace, kinds_of: K
     paths = [path for action in inputs for path in _values(action, args)]
     if not all(path.is_file() for path in paths):  # the command names what is not there
         return
-    kinds = {kind for path in paths for kind in kinds_of(path)} if paths else {BUS}
+    kinds = {kind for path in paths for kind in kinds_of(path)} or {BUS}
     for action in given:
-        if kinds and not kinds.intersection(action.acts_on):
+        if not kinds.intersection(action.acts_on):
             names, wanted = "/".join(action.option_strings), " or ".join(action.acts_on)
             raise UsageError(f"{names} is for {wanted}, not for {' or '.join(sorted(kinds))}")
 

@@ -96,6 +96,7 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
                 )
     manifests = [path.parent / manifest.NAME for path in of(*readable)]
     outputs.check(goals, [*inputs, *manifests, *memories])
+    _check_models(of(written_model))
     if not getattr(args, "force", False):
         check_replaced(replaced)
 
@@ -110,6 +111,12 @@ def check_replaced(goals: Iterable[Path]) -> None:
         own = not path.is_file() or not path.stat().st_size or outputs.is_own(path)
         if not own and not manifest.entry_of(path):
             raise UsageError(f"{path}: is there already; --force replaces it")
+
+
+def _check_models(goals: Iterable[Path]) -> None:
+    for path in goals:
+        if path.suffix != ".onnx":
+            raise UsageError(f"{path}: a model file ends in .onnx")
 
 
 def _further(args: argparse.Namespace, fact: str) -> list[Path]:
