@@ -47,6 +47,7 @@ ANNOTATIONS: Final = ("#group", "#datatype", "#default")  # first cells of Influ
 _HEADER_ENDS: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.I)  # LabVIEW's
 _GROUPS: Final = re.compile(r"-?[1-9]\d{0,2}(?:(['’.\xa0\u202f])\d{3})+(?:[.,]\d+)?")  # 3.645
 _IN_BRACKETS: Final = re.compile(r"(.*\S)\s*[(\[{]((?:[^()\[\]{}]|\(\w\))*)[)\]}]\s*")
+_IN_BARS: Final = re.compile(r'([^|]+)\|"?([^|"]*)"?(?:\|[\d.]+)+')  # RaceCapture's
 _BEHIND_COMMA: Final = re.compile(r"(.+?),\s*+([^,]+)")
 
 
@@ -305,7 +306,7 @@ def name_and_unit(text: str) -> tuple[str, str]:
     >>> name_and_unit("MAP [kPa(g)]"), name_and_unit("Drehzahl, 1/min")
     (('MAP', 'kPa(g)'), ('Drehzahl', '1/min'))
     """
-    match = _IN_BRACKETS.fullmatch(text.strip())
+    match = _IN_BRACKETS.fullmatch(text.strip()) or _IN_BARS.fullmatch(text.strip())
     if match is None and (match := _BEHIND_COMMA.fullmatch(text.strip())):
         match = match if unit_of(match[2], 1.0) else None
     is_unit = match and not match[2].isdigit()  # but a number: of a sensor

@@ -425,6 +425,9 @@ def _known(text: str) -> TextLayout | None:
         return layout or _table(text)
     rows = list(filter(None, map(ROWS.match, text.splitlines())))
     times = [row["time"] for row in rows]
+    told = "".join((row["dlc"] or "") + (row["length"] or "") for row in rows)
+    if not told and not re.search("[a-fx]", "".join(row["id"] + row["data"] for row in rows), re.I):
+        return None  # numbers of any kind
     if not all(map(str.isdigit, times)) or len(times[0]) > 12:  # with a point, or since 1970
         return ROWS
     steps = {int(b) - int(a) for a, b in pairwise(times)}

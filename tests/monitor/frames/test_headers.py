@@ -99,6 +99,11 @@ TABLES = {
         "Time,RPM,AFR\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},"),
         {"engine_speed_rpm": "RPM", "lambda_measured": "AFR"},
     ),
+    "names with their units, ranges and rates": (
+        '"Interval"|"ms"|0|0|1,"RPM"|"rpm"|0.0|9000.0|10,"AFR"|"AFR"|7.0|22.0|5\n'
+        + rows(lambda i: f"{100 * i},{RPM[i]},{AFR[i]}"),
+        {"engine_speed_rpm": 'RPM|"rpm"|0.0|9000.0|10'},
+    ),
     "units above the names": (
         "s,rpm,AFR,mph\nTime,RPM,AFR,Speed\n"
         + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i]},{40 + i % 9}"),

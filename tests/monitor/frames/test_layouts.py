@@ -194,6 +194,9 @@ def test_no_long_line_takes_long_to_name_what_is_not_read(text: str) -> None:
     "line",
     [
         '{"time": 1500, "id": "1A0", "dlc": 2, "data": "0102"}',
+        "2026-12-01 10:00:00.5,1500,40,14",  # a table of numbers without names
+        "1700000000.5,1500,40,14",
+        "10:00:00.500,1500,40,14",
         "1.12.2026 12:00:00 ID: 0x1A0 DLC: 2 Data: 01 02",
         "1500000 us ID: 0x1A0 DLC: 2 Data: 01 02",
     ],
