@@ -13,7 +13,6 @@ from monitor.grid.tables import checked_columns
 from monitor.memory.store import Memory
 from monitor.model.step import Model
 from monitor.pipeline import replay as replays
-from monitor.pipeline.recordings import RecordingReader
 
 Buses = Sequence[tuple[str | Path, str | Path]]
 
@@ -93,7 +92,6 @@ def replay(
         if isinstance(recording, str | Path):
             entry, trace = replays.replay(path_of(recording), setup, held, trace=series)
         else:
-            reader = RecordingReader(setup.bus_map, setup.model.card)
-            opened = reader.table(table_of(recording, "arrays"))
-            entry, trace = replays.judged(opened, None, setup, held, trace=series)
+            table = table_of(recording, "arrays")
+            entry, trace = replays.judged_table(table, None, setup, held, trace=series)
     return Verdict(entry, trace)

@@ -12,8 +12,8 @@ from training.pages.page import page
 def as_text(result: dict[str, Any]) -> str:
     """Return the lines that the command prints."""
     lines = [
-        f"limit {own['name']}: {plain(own['value'])} {own['unit']}, was "
-        f"{'none' if own['before'] is None else plain(own['before'])} ({own['origin']})"
+        f"limit {own['name']}: {plain(own['value'])} {own['unit']}".rstrip(" -")
+        + f", was {'none' if own['before'] is None else plain(own['before'])} ({own['origin']})"
         for own in result["limits"]
     ]
     lines += [

@@ -107,10 +107,8 @@ def _confidence(found: Figures) -> str:
 def _extent(found: Figures) -> str:
     text = (
         f"{counted(found['drives'], 'drive')} of {counted(found['vehicles'], 'vehicle')}: "
-        f"{found['judged']:,} "
-        f"judged, {found['errors']:,} not; {found['hours']:,.1f} h of driving, of which "
-        f"{found['enabled_hours']:,.1f} h may be judged, {found['windows']:,} windows. "
-        f"Recordings that end with a code: {found['with_code']['events']:,}."
+        f"{found['judged']:,} judged, {found['errors']:,} not; {found['hours']:,.1f} h of driving, "
+        f"of which {found['enabled_hours']:,.1f} h may be judged, {found['windows']:,} windows."
     )
     if not found["simulated"]:
         return text
