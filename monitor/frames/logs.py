@@ -117,7 +117,8 @@ def log_kind(path: Path, known: Sequence[str] = LOG_SUFFIXES) -> str:
                 f"{path}: {each['is']}: not read, convert it with {each['converter']}"
             )
     if kind not in known:
-        advice = f"give it the ending of what it holds, for frames {' '.join(known)} (and .gz)"
+        advice = "give it the ending of what it holds, for frames {}, for a table {} (and .gz)"
+        advice = advice.format(*map(" ".join, (known, TABLES)))
         if kind in (*TABLES, ".parquet"):
             advice = "a table; frames are wanted: 'o2train log TABLE --out LOG' writes them"
         raise RecordingError(f"{path}: unknown log format {kind!r}: {advice}")

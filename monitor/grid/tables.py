@@ -18,6 +18,7 @@ from monitor.base.files.manifest import entry_of
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
+from monitor.frames.logs import checked_kind
 from monitor.frames.profiles.profile import Profile, is_profile, load_profile, path_of, profile_of
 from monitor.frames.profiles.recognition import key, places, recognised, recognised_own
 from monitor.frames.profiles.signals import all_cells, read_signals
@@ -56,9 +57,13 @@ def is_table(path: str | Path) -> bool:
 
 
 def kinds_of(path: Path) -> set[str]:
-    """Return what a recording is for the options: a log, a table, an .mf4 file either."""
-    kinds = {TABLE if is_table(path) else LOG}
-    return {LOG, TABLE} if suffix_of(path) == ".mf4" else kinds
+    """Return what a recording is for the options: a log, a table, or either if nothing tells it."""
+    if is_table(path):
+        return {TABLE}
+    try:
+        return {LOG, TABLE} if checked_kind(path) == ".mf4" else {LOG}
+    except RecordingError:
+        return {LOG, TABLE}
 
 
 def checked_columns(given: Path) -> Path:

@@ -97,7 +97,7 @@ def test_a_damaged_compressed_log_never_passes(folder: Path, tmp_path: Path, suf
         (
             "drive.dat",
             b"x",
-            r"unknown log format '.dat': give it the ending of what it holds, for frames .log",
+            r"unknown log format '.dat': give it the ending of what .* .log .*, for a table .csv",
         ),
         ("drive.parquet", b"x", "unknown log format '.parquet': a table; frames are wanted"),
         ("drive", b"x", "unknown log format ''"),
