@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Final
 
-from monitor.base.command_line.option_paths import recording
+from monitor.base.command_line.option_paths import named, recording
 from monitor.base.errors import UsageError
 
 LOG: Final = "a CAN log"
@@ -37,10 +37,9 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace, kinds_of: K
         if isinstance(action, argparse._SubParsersAction):
             check(action.choices[str(getattr(args, action.dest))], args, kinds_of)
     given = [a for a in parser._actions if hasattr(a, "acts_on") and _is_given(a, args)]
-    inputs = [a for a in parser._actions if a.type is recording]
-    if not (given and inputs):
+    paths = [each.path for each in named(parser, args) if each.role is recording]
+    if not (given and any(action.type is recording for action in parser._actions)):
         return
-    paths = [path for action in inputs for path in _values(action, args)]
     if not all(path.is_file() for path in paths):  # the command names what is not there
         return
     kinds = {kind for path in paths for kind in kinds_of(path)} or {BUS}
@@ -52,8 +51,3 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace, kinds_of: K
 
 def _is_given(action: argparse.Action, args: argparse.Namespace) -> bool:
     return bool(getattr(args, action.dest, action.default) != action.default)
-
-
-def _values(action: argparse.Action, args: argparse.Namespace) -> list[Path]:
-    value = getattr(args, action.dest, None)
-    return value if isinstance(value, list) else [value] if value else []

@@ -40,10 +40,11 @@ _ROWS: Final = 1 << 13  # of a block
 MOST_NAMES: Final = 4096  # of a table with one value a row
 # usual names of the columns of a table with one value a row: of the name, the value and the unit
 _LONG: Final = (
-    "pid name signal parameter channel variable sensor field item metric topic entity_id messwert",
-    "value wert reading valor valeur payload state messwert",
+    "pid name signal parameter channel variable sensor field item metric topic messwert",
+    "value wert reading valor valeur payload messwert",
     "units unit einheit uom unidad unité",
 )
+_STATES: Final = ("entity_id", "state", "unit_of_measurement")  # the same, of Home Assistant
 # of a last column, which rows may lack
 _REMARKS: Final = re.compile("comment|remark|note|bemerkung", re.I)
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
@@ -71,7 +72,8 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     """
     names = (each.name.casefold().strip("_") for each in dialect.columns)
     places = {each: i for i, each in enumerate(names) if each}
-    wanted = [(n.casefold().strip("_"),) for n in pivot] if pivot else map(str.split, _LONG)
+    usual = _STATES if _STATES[0] in places else _LONG
+    wanted = [(n.casefold().strip("_"),) for n in pivot] if pivot else map(str.split, usual)
     name, value, unit = (next((places[w] for w in words if w in places), None) for words in wanted)
     if name is None or value in (None, name) or dialect.columns[name].kind != "text":
         return None

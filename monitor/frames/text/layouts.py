@@ -437,7 +437,7 @@ def _known(text: str) -> TextLayout | None:
 
 
 def _asc(text: str) -> TextLayout:
-    """Return Vector's layout; that of names in place of identifiers only where a line has it.
+    """Return Vector's layout; names in place of identifiers are tried first where a line has one.
 
     Raises RecordingError for names without the identifiers at the ends of the lines.
     """
@@ -445,7 +445,7 @@ def _asc(text: str) -> TextLayout:
     if any(map(named.fullmatch, lines)):
         return ASC
     if any(each.fullmatch(line) for line in lines for each in numbered):
-        return replace(ASC, frames=tuple(numbered))
+        return replace(ASC, frames=(*numbered, named))
     if re.search(r"^\s*\d+\.\d+\s+\d+\s+[a-z_]\w*\s+[RT]x\s+d\s", text, _ANY | re.M):
         raise RecordingError(
             "its frames have names in place of identifiers: not read, write it with numbers "

@@ -451,10 +451,11 @@ def test_a_long_table_may_hold_one_signal_after_another(proposed: Proposed, tmp_
         table = read_table(path, profile)
         np.testing.assert_allclose(table.t_ns, [1e8 * i for i in ROWS])
         assert values(table, "engine_speed_rpm").tolist() == RPM
-    # AND a column of words is not both the name and the value
-    path.write_text("Zeit;Messwert;Drehzahl\n" + rows(lambda i: f"{i};{'aus'[: 2 + i % 2]};{i}"))
-    with pytest.raises(RecordingError, match=r"its columns \(Zeit, Messwert, Drehzahl\)"):
-        read_table(path)
+    # AND a column of words is not both the name and the value, nor is any state a value
+    for names in "Zeit, Messwert, Drehzahl", "Time, Sensor, State":
+        path.write_text(f"{names}\n" + rows(lambda i: f"{i},{'aus'[: 2 + i % 2]},{i}"))
+        with pytest.raises(RecordingError, match=rf"its columns \({names}\)"):
+            read_table(path)
     # AND a signal keeps its unit
     path.write_text("t,pid,value,unit\n" + rows(lambda i: f"{i},Speed,{i},{'mph'[: 3 * i]}"))
     with pytest.raises(RecordingError, match="line 3: Speed in 'mph', before in ''"):

@@ -117,6 +117,13 @@ def test_a_log_of_names_instead_of_identifiers_says_so(tmp_path: Path) -> None:
         list(read_frames(path))
 
 
+def test_names_in_place_of_identifiers_may_come_late(tmp_path: Path) -> None:
+    path, rows = tmp_path / "mixed.asc", [f"{i / 100:.2f} 1 C2 Rx d 1 FF\n" for i in range(2000)]
+    rows += [f"{i / 100:.2f} 1 Oil Rx d 1 FF ID = 195\n" for i in range(2000, 2100)]
+    path.write_text("base hex timestamps absolute\n" + "".join(rows))
+    assert [frame.can_id for frame in read_frames(path)] == [0xC2] * 2000 + [0xC3] * 100
+
+
 @pytest.mark.parametrize(
     "line",
     [
