@@ -178,6 +178,11 @@ class CatalystConfig:
     follow_longest_s: float
 
     @property
+    def rich_v(self) -> float:
+        """Return the voltage from which a sensor reads rich, as far from 0.45 V as ``lean_v``."""
+        return 0.9 - self.lean_v
+
+    @property
     def close_coupled(self) -> bool:
         """Return whether the judged catalyst is a warm-up catalyst close to the engine."""
         return self.position == "close_coupled"

@@ -18,7 +18,7 @@ import numpy as np
 
 from monitor.base.config import Config, ResponseConfig
 from monitor.base.types import FloatArray
-from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, CatalystBank
+from monitor.judge.catalyst.bank import LEAK, MID_V, STUCK, WEAK, CatalystBank
 from monitor.judge.catalyst.estimate import Capacity, CapacityCurve, jackknife
 from monitor.judge.window import Opinion
 
@@ -161,11 +161,14 @@ class CatalystRule:
         return np.asarray(total)
 
     def _may_be(self, fault: str) -> bool:
-        """Return whether the voltage so far allows a fault: a stuck one rests, on its own side."""
+        """Return whether the range of the voltage so far allows a fault of its amplitude."""
+        config = self._config
+        if fault == WEAK:
+            return self.low_v > config.lean_v or self.high_v < config.rich_v
         if fault not in STUCK:
             return True
         is_lean = self._sum_v < MID_V * self._n_v
-        is_still = self.high_v - self.low_v <= self._config.rest_range_v
+        is_still = self.high_v - self.low_v <= config.rest_range_v
         return is_still and fault == STUCK[0 if is_lean else 1]
 
     def catalyst(self) -> Claim:
