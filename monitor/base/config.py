@@ -121,7 +121,6 @@ class CatalystConfig:
     """The bank of catalysts with downstream sensors, and the limits of its rule."""
 
     threshold_g: float
-    threshold_margin: float
     capacities_g: tuple[float, ...]
     offsets_phi: tuple[float, ...]
     upstream_lag_s: float
@@ -176,11 +175,6 @@ class CatalystConfig:
     follow_low: float
     follow_late_s: float
     follow_longest_s: float
-
-    @property
-    def rich_v(self) -> float:
-        """Return the voltage from which a sensor reads rich, as far from 0.45 V as ``lean_v``."""
-        return 0.9 - self.lean_v
 
     @property
     def close_coupled(self) -> bool:

@@ -80,12 +80,11 @@ class RearCircuit:
         is_lean, is_hot = x > max(config.offsets_phi), run_s > config.circuit_after_s
         apart = abs(v - MID_V)
         is_low, is_high = v < config.circuit_low_v, v > config.circuit_high_v
-        is_awake = apart > config.awake_v
+        is_awake, rests = apart > config.awake_v, apart < config.rest_band_v
         self._hold("lively", not (is_low or is_high), is_awake)
         lasts = self._for_s["lively"] < config.circuit_pass_s  # through a loose contact
         self._hold("high", lasts or v >= config.lean_v, is_high)
         self._hold("low", lasts, is_low and is_hot and not is_lean)
-        rests = apart < config.rest_band_v
         self._is_mute = rests or is_low or is_high
         self._hold("rest", rests, is_hot)
         more_g = OXYGEN_IN_AIR * air_g_s * x * step_s

@@ -59,9 +59,7 @@ class CatalystRule:
         self._weight = period_s / config.memory_s
         capacity = bank.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
-        margin = config.threshold_margin
-        self._is_low = capacity < config.threshold_g / margin
-        self._is_sound = capacity > config.threshold_g * margin
+        self._is_low = capacity < config.threshold_g
         self._faults = [s.fault for s in bank.sensors]
         self._stuck = [i for i, fault in enumerate(self._faults) if fault in STUCK]
         prior = -0.5 * (bank.offset / config.offset_std_phi) ** 2
@@ -164,7 +162,7 @@ class CatalystRule:
         """Return whether the range of the voltage so far allows a fault of its amplitude."""
         config = self._config
         if fault == WEAK:
-            return self.low_v > config.lean_v or self.high_v < config.rich_v
+            return min(MID_V - self.low_v, self.high_v - MID_V) < MID_V - config.lean_v
         if fault not in STUCK:
             return True
         is_lean = self._sum_v < MID_V * self._n_v
@@ -174,7 +172,7 @@ class CatalystRule:
     def catalyst(self) -> Claim:
         """Return how the evidence stands for a catalyst below the threshold."""
         total = self._restricted(self._evidence)
-        low, sound = (_sum(total[:, capacity]) for capacity in (self._is_low, self._is_sound))
+        low, sound = (_sum(total[:, capacity]) for capacity in (self._is_low, ~self._is_low))
         return self._likeliest({CATALYST: low}, sound)
 
     def sensor(self) -> Claim:

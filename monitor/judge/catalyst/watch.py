@@ -15,7 +15,7 @@ import numpy as np
 
 from monitor.base.config import CatalystConfig, Config
 from monitor.base.types import BoolArray, FloatArray
-from monitor.judge.catalyst.bank import LEAK, switching_volts
+from monitor.judge.catalyst.bank import LEAK, MID_V, switching_volts
 from monitor.judge.catalyst.rear_circuit import CIRCUIT, HEATER, RearCircuit
 from monitor.judge.catalyst.rule import CatalystRule
 from monitor.judge.window import Opinion
@@ -81,7 +81,8 @@ def _estimates(rule: CatalystRule, grams: float, config: CatalystConfig) -> Iter
     for edge, lag_s in rule.sensor_lags().items():
         yield TestResult("downstream", f"lag_{edge}_s", lag_s, 0.0, limit_s)
     yield TestResult("downstream", "least_v", rule.low_v, config.circuit_low_v, config.lean_v)
-    yield TestResult("downstream", "most_v", rule.high_v, config.rich_v, config.circuit_high_v)
+    rich_v = 2.0 * MID_V - config.lean_v
+    yield TestResult("downstream", "most_v", rule.high_v, rich_v, config.circuit_high_v)
     sound = config.offset_sound_phi
     yield TestResult("balance", "upstream_offset_phi", -rule.offset()[0], -sound, sound)
 

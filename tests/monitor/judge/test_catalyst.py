@@ -85,14 +85,14 @@ def a_drive(
 
 
 def wide_lambda(x: FloatArray, air_g_s: FloatArray, capacity_g: float, lag_s: float) -> FloatArray:
-    """Lambda of a wide-range sensor behind an ideal tank, 0.001 too lean."""
+    """Lambda of a wide-range sensor behind an ideal tank, 0.002 too lean."""
     held, read, seen = 0.5 * capacity_g, 0.0, []
     for each, air in zip(x.tolist(), air_g_s.tolist(), strict=True):
         held += 0.23 * air * each * PERIOD_S
         passes = each if not 0.0 <= held <= capacity_g else 0.002 * held / capacity_g - 0.001
         held = min(max(held, 0.0), capacity_g)
         read += (passes - read) * (1.0 - np.exp(-PERIOD_S / lag_s))
-        seen.append(read + 0.001)
+        seen.append(read + 0.002)
     return np.asarray(1.0 / (1.0 - np.array(seen)))
 
 
@@ -174,6 +174,41 @@ def test_an_upstream_offset_contradicts_the_balance(offset: float, faults: set[s
     assert entry["verdict"] != "failed"
     if faults:
         assert entry["upstream_offset_lambda"] == pytest.approx(offset, abs=0.008)
+
+
+@pytest.mark.parametrize(
+    ("offset", "outcome"),
+    [(0.005, "passed"), (0.01, "inconclusive"), (0.013, "inconclusive"), (0.016, "failed")],
+)
+def test_an_offset_between_sound_and_biased_is_neither(offset: float, outcome: str) -> None:
+    rule = CatalystRule(config.shipped(), PERIOD_S)
+    rule._evidence[:, :, np.array(SETTINGS.offsets_phi) != offset] = -30.0
+    rule._evidence[rule._has_leak] = -30.0
+    rule.segments = 1
+    assert rule.balance().outcome == outcome
+
+
+def test_sound_sensors_are_likelier_before_any_evidence() -> None:
+    rule = CatalystRule(config.shipped(), PERIOD_S)
+    assert rule.balance().log_odds < -1.0
+    assert rule.sensor().log_odds < -3.0
+
+
+@pytest.mark.parametrize(
+    ("late_s", "gain", "fault"), [(1.5, 1.0, "downstream_delay"), (0.0, 0.4, "downstream_weak")]
+)
+def test_a_late_or_weak_downstream_sensor_is_named(late_s: float, gain: float, fault: str) -> None:
+    values, late = a_drive(0.06), round(late_s / PERIOD_S)
+    values[late:, 0] = 0.45 + gain * (values[: len(values) - late, 0] - 0.45)
+    _, results = judged(values)
+    last = [r.claim for r in results if r.test == "downstream"][-1]
+    assert (last.fault or "").startswith(fault)
+
+
+def test_a_voltage_that_never_leaves_its_rest_is_no_evidence() -> None:
+    values = np.column_stack([a_drive(0.3, minutes=2.0), np.full(1200, 600.0)])
+    values[:, 0] = 0.45
+    assert entry_of(values, (*NAMES, "catalyst_temperature_degc"))["segments"] == 0
 
 
 def test_the_offset_has_a_standard_error_from_the_spread_of_the_drive() -> None:
@@ -263,9 +298,8 @@ def test_a_limit_leaves_members_of_the_bank_on_either_side(
 ) -> None:
     # GIVEN the largest or least limit that settings may have
     bounds = ShippedSettings("monitor.base").sections["catalyst"]
-    edges = {"threshold_margin": bounds["threshold_margin"].max, key: getattr(bounds[key], end)}
     given = tmp_path / "own.toml"
-    given.write_text("[catalyst]\n" + "".join(f"{k} = {v}\n" for k, v in edges.items()))
+    given.write_text(f"[catalyst]\n{key} = {getattr(bounds[key], end)}\n")
     rule = CatalystRule(config.load(given), PERIOD_S)
     # WHEN a segment is full THEN catalyst and balance are judged
     while not rule.push(0.01, 10.0, 0.5, counts=True):
