@@ -117,13 +117,14 @@ def _concluded(
     if log is None:
         return 0
     from monitor.pipeline.recordings import RecordingReader
-    from monitor.report.check import held_up
+    from monitor.report.check import CheckResult, held_up
 
     card = setup.model.card
     if not card.limits:
         say("the model has no decision limits: o2mon replay cannot judge with it; fit it to more")
     reader = RecordingReader(setup.bus_map, card, setup.columns)
-    for cause in held_up(reader.open(log), card, setup.config):
+    opened = reader.open(log) if isinstance(result, CheckResult) else reader.table(result.table)
+    for cause in held_up(opened, card, setup.config):
         say(f"would hold up a verdict: {cause.in_words}")
     return 0
 
@@ -133,11 +134,12 @@ def _check_table(args: CheckOptions, log: Path) -> int:
     from monitor.mapping.profile_proposal import unusual
     from monitor.report.check_table import advice, check_table
 
-    if args.model is None and (result := check_table(log, args.columns)).table.profile:
+    result = check_table(log, args.columns) if args.model is None else None
+    if result and result.table.profile:
         say("\n".join([*result.lines(), *unusual(result), advice(result)]))
         return NOT_JUDGED if result.missing([OUTPUT]) or result.is_output_pinned else 0
     setup = set_up(args, args.columns, obd=args.obd, judges=False)
-    result = check_table(log, args.columns, setup.model.card)
+    result = result or check_table(log, args.columns, setup.model.card)
     say("\n".join([*result.lines(), *unusual(result)]))
     code = _concluded(result, setup, log)
     if code and (own := rename(result.table)):

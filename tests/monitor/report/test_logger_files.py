@@ -10,6 +10,7 @@ import pytest
 
 from monitor import cli
 from monitor.base.errors import RecordingError
+from monitor.grid import tables
 from monitor.grid.tables import read_table
 from tests.helpers.drives.drive_tables import table
 from tests.helpers.logs.car_model import log_and_model
@@ -198,6 +199,18 @@ def test_a_check_takes_profile_and_columns_from_the_model(tmp_path: Path, capsys
     out = capsys.readouterr().out
     assert ", of the model\n" in out
     assert "missing for the model: fuel_mass_mg, " in out  # and not its first input, Luft
+
+
+def test_a_check_reads_a_table_once(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reads, make = list[Path](), tables.make_table
+
+    def counted(path: Path, *parts: Any) -> tables.Table:
+        reads.append(path)
+        return make(path, *parts)
+
+    monkeypatch.setattr(tables, "make_table", counted)
+    assert cli.main(["check", str(own)]) == 0
+    assert reads == [own]
 
 
 @pytest.mark.parametrize("each_s", [4, 12, 30])
