@@ -38,9 +38,8 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace, kinds_of: K
             check(action.choices[str(getattr(args, action.dest))], args, kinds_of)
     given = [a for a in parser._actions if hasattr(a, "acts_on") and _is_given(a, args)]
     paths = [each.path for each in named(parser, args) if each.role is recording]
-    if not (given and any(action.type is recording for action in parser._actions)):
-        return
-    if not all(path.is_file() for path in paths):  # the command names what is not there
+    has_input = any(action.type is recording for action in parser._actions)
+    if not (given and has_input and all(map(Path.is_file, paths))):  # it names what is not there
         return
     kinds = {kind for path in paths for kind in kinds_of(path)} or {BUS}
     for action in given:

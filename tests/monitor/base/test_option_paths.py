@@ -48,9 +48,9 @@ def commands(
         yield words, parser
 
 
-def options(parser: argparse.ArgumentParser, role: Any) -> list[argparse.Action]:
-    """Return the options of a command whose paths have a role."""
-    return [action for action in parser._actions if action.type is role]
+def options(parser: argparse.ArgumentParser, *roles: Any) -> list[argparse.Action]:
+    """Return the options of a command whose paths have one of the roles."""
+    return [action for action in parser._actions if action.type in roles]
 
 
 def words_of(parser: argparse.ArgumentParser, chosen: dict[str, str]) -> list[str]:
@@ -123,10 +123,8 @@ def test_no_command_writes_over_a_file_it_reads_under_any_name(
     path = tmp_path / "file.onnx"
     path.write_text("read")
     leaf = leaf_of(program, words)
-    goals = [a.dest for role in (paths.written, paths.written_model) for a in options(leaf, role)]
-    sources = [
-        a.dest for role in (paths.read, paths.recording, paths.kept) for a in options(leaf, role)
-    ]
+    goals = [a.dest for a in options(leaf, paths.written, paths.written_model)]
+    sources = [a.dest for a in options(leaf, paths.read, paths.recording, paths.kept)]
     in_place = leaf.get_default("changed_in_place")
     names = alike(path)
     for goal in goals:
@@ -144,7 +142,7 @@ def test_no_command_writes_one_file_twice_or_over_a_manifest_beside_a_recording(
     tmp_path: Path, program: str, words: tuple[str, ...]
 ) -> None:
     leaf = leaf_of(program, words)
-    goals = [a.dest for role in (paths.written, paths.written_model) for a in options(leaf, role)]
+    goals = [a.dest for a in options(leaf, paths.written, paths.written_model)]
     for first, second in pairwise(goals):
         both = dict.fromkeys((first, second), str(tmp_path / "new.onnx"))
         with pytest.raises(UsageError, match="would be written twice"):
@@ -152,7 +150,7 @@ def test_no_command_writes_one_file_twice_or_over_a_manifest_beside_a_recording(
     manifest = tmp_path / "manifest.json"
     manifest.write_text("{}")
     for goal in goals:
-        for source in [*options(leaf, paths.read), *options(leaf, paths.recording)]:
+        for source in options(leaf, paths.read, paths.recording):
             chosen = {source.dest: str(tmp_path / "drive.log"), goal: str(manifest)}
             with pytest.raises(UsageError, match=r"manifest\.json: is read, too"):
                 paths.check(*parsed(program, words, chosen))
@@ -172,9 +170,7 @@ def test_no_command_reads_a_fifo(tmp_path: Path, program: str, words: tuple[str,
     fifo = tmp_path / "fifo.log"
     os.mkfifo(fifo)
     leaf = leaf_of(program, words)
-    for source in [
-        a for role in (paths.read, paths.recording, paths.kept) for a in options(leaf, role)
-    ]:
+    for source in options(leaf, paths.read, paths.recording, paths.kept):
         with pytest.raises(UsageError, match="is a FIFO, a regular file is wanted"):
             paths.check(*parsed(program, words, {source.dest: str(fifo)}))
 
@@ -205,7 +201,7 @@ def test_files_without_an_option_of_their_own_are_not_written_over_what_is_read(
     leaf = leaf_of("o2train", words)
     is_folder = any(a.dest == "out" for a in options(leaf, paths.folder))
     out = tmp_path if is_folder else tmp_path / "model.onnx"
-    source = next(a.dest for r in (paths.recording, paths.read) for a in options(leaf, r))
+    source = options(leaf, paths.recording, paths.read)[0].dest
     with pytest.raises(UsageError, match="is read, too"):
         paths.check(*parsed("o2train", words, {"out": str(out), source: str(tmp_path / name)}))
 
