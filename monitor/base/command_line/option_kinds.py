@@ -39,7 +39,7 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace, kinds_of: K
     given = [a for a in parser._actions if hasattr(a, "acts_on") and _is_given(a, args)]
     paths = [each.path for each in named(parser, args) if each.role is recording]
     has_input = any(action.type is recording for action in parser._actions)
-    if not (given and has_input and all(map(Path.is_file, paths))):  # it names what is not there
+    if not (given and has_input and all(map(Path.is_file, paths))):  # the command names it
         return
     kinds = {kind for path in paths for kind in kinds_of(path)} or {BUS}
     for action in given:
