@@ -121,6 +121,7 @@ class CatalystConfig:
     """The bank of catalysts with downstream sensors, and the limits of its rule."""
 
     threshold_g: float
+    threshold_margin: float
     capacities_g: tuple[float, ...]
     offsets_phi: tuple[float, ...]
     upstream_lag_s: float
@@ -164,6 +165,7 @@ class CatalystConfig:
     warm_up_s: float
     hold_s: float
     segment_s: float
+    segment_most: float
     rest_range_v: float
     rest_level_v: float
     rest_weight: float

@@ -1,10 +1,10 @@
 """The catalyst's rule: which catalyst, sensor and offset explain the downstream voltage?
 
 Each member of the bank predicts the voltage. The log likelihood of the measured voltage, in a
-distribution with heavy tails, is summed over segments of a few seconds. Against any member a
-segment counts for no more than a window of the response rule, so one oddity decides nothing. A long
-drive counts as ``evidence_segments``, the latest most: errors of the model repeat in every segment,
-and would win by the length of a drive alone.
+distribution with heavy tails, is summed over segments of a few seconds. No segment counts for more
+than ``segment_most`` against any member, so one oddity decides nothing. A long drive counts as
+``evidence_segments``, the latest most: errors of the model repeat in every segment, and would win
+by the length of a drive alone.
 Claims are compared by the sequential test of the response rule: a claim holds when it leads by the
 log odds of the stated probabilities of a false alarm and of a miss (Wald, Sequential Analysis,
 section 3.2).
@@ -59,7 +59,9 @@ class CatalystRule:
         self._weight = period_s / config.memory_s
         capacity = bank.capacity_g[:, 0]
         self._curve = CapacityCurve(np.log(capacity))
-        self._is_low = capacity < config.threshold_g
+        margin = config.threshold_margin
+        self._is_low = capacity < config.threshold_g / margin
+        self._is_sound = capacity > config.threshold_g * margin
         self._faults = [s.fault for s in bank.sensors]
         self._stuck = [i for i, fault in enumerate(self._faults) if fault in STUCK]
         prior = -0.5 * (bank.offset / config.offset_std_phi) ** 2
@@ -124,7 +126,7 @@ class CatalystRule:
         self._add_product()
         segment = self._fairly() * self._weight
         possible = [self._may_be(fault) for fault in self._faults]
-        gained = np.clip(segment - segment[possible].max(), -self._odds.evidence_window, 0.0)
+        gained = np.clip(segment - segment[possible].max(), -self._config.segment_most, 0.0)
         if self.segments >= self._config.evidence_segments:
             keep = 1.0 - 1.0 / self._config.evidence_segments
             self._evidence *= keep
@@ -172,7 +174,7 @@ class CatalystRule:
     def catalyst(self) -> Claim:
         """Return how the evidence stands for a catalyst below the threshold."""
         total = self._restricted(self._evidence)
-        low, sound = (_sum(total[:, capacity]) for capacity in (self._is_low, ~self._is_low))
+        low, sound = (_sum(total[:, capacity]) for capacity in (self._is_low, self._is_sound))
         return self._likeliest({CATALYST: low}, sound)
 
     def sensor(self) -> Claim:
