@@ -14,7 +14,7 @@ import numpy as np
 
 from monitor.base.command_line.option_kinds import LOG, TABLE
 from monitor.base.errors import RecordingError
-from monitor.base.files.manifest import entry_of
+from monitor.base.files.manifest import NAME, entry_of
 from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
@@ -127,12 +127,20 @@ def origin_of(table: Table) -> dict[str, Any]:
 
 
 def _of_origin(table: Table) -> Table:
-    """Return an own table with what its manifest keeps of the logger's file that it is made of."""
+    """Return an own table with what its manifest keeps of the logger's file that it is made of.
+
+    Raises RecordingError if that is no numbers by signal.
+    """
     entry = entry_of(table.path)
     if not (entry.get("profile") and isinstance(pinned := entry.get("pinned"), dict)):
         return table
     columns = zip(table.names, table.values.T, strict=True)
-    marks = [np.isin(values, pinned.get(name, ())) for name, values in columns]
+    try:
+        told = [(values, np.array(pinned.get(name, ()), dtype=float)) for name, values in columns]
+    except (TypeError, ValueError):
+        wanted = f"pinned of {table.path.name}: a list of numbers for each signal is wanted"
+        raise RecordingError(f"{table.path.parent / NAME}: {wanted}") from None
+    marks = [np.isin(*each) for each in told]
     return replace(table, profile=str(entry["profile"]), pinned=np.column_stack(marks))
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import dbc
 from monitor import cli
+from monitor.base.errors import RecordingError
 from monitor.base.files import manifest
 from monitor.base.types import Frame
 from monitor.frames.channels import Channels
@@ -276,6 +277,12 @@ def test_a_logger_s_file_becomes_a_table_that_is_read_as_the_log(tmp_path: Path)
     assert np.flatnonzero(read.pinned.any(axis=1)).tolist() == list(range(50))
     assert [cli.main(["replay", str(path)]) for path in (log, out)] == [3, 3]
     assert [cli.main(["check", str(path)]) for path in (log, out)] == [0, 0]
+    # AND a manifest that was spoilt by hand is named
+    entries = manifest.load(tmp_path)
+    entries[out.name]["pinned"] = {"lambda_measured": [[1.5], "x"]}
+    manifest.save(tmp_path, entries)
+    with pytest.raises(RecordingError, match=r"manifest\.json: pinned of out\.csv: a list of num"):
+        read_table(out)
 
 
 def test_a_fault_that_changes_nothing_meets_no_expectation(tmp_path: Path, capsys: Capture) -> None:
