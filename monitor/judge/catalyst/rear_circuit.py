@@ -31,6 +31,7 @@ class RearCircuit:
     def __init__(self, settings: Config, period_s: float) -> None:
         self._config, self._heater = settings.catalyst, settings.plausibility
         self._period_s = period_s
+        self._lean_phi = max(self._config.offsets_phi)  # leaner than any offset of the reading
         # for how long, in s, something has held; "low" and "high" last until the circuit passes, so
         # a loose contact adds up, and "high" until a lean reading, too
         self._for_s = dict.fromkeys(("low", "high", "rest", "lively", "full", "regulated"), 0.0)
@@ -76,8 +77,7 @@ class RearCircuit:
 
     def _voltage(self, v: float, x: float, air_g_s: float, run_s: float) -> None:
         config, step_s = self._config, self._period_s
-        # leaner than any offset of the reading
-        is_lean, is_hot = x > max(config.offsets_phi), run_s > config.circuit_after_s
+        is_lean, is_hot = x > self._lean_phi, run_s > config.circuit_after_s
         apart = abs(v - MID_V)
         is_low, is_high = v < config.circuit_low_v, v > config.circuit_high_v
         is_awake, rests = apart > config.awake_v, apart < config.rest_band_v
