@@ -6,6 +6,7 @@ its sha256 here a command knows a recording that it made: a frame log has no pla
 
 import hashlib
 import json
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,8 +26,17 @@ def load(folder: Path) -> dict[str, dict[str, Any]]:
     The result is empty if the folder has no manifest of schema ``SCHEMA``.
     """
     try:
-        tree = json.loads(read_small(folder / NAME, _MOST_BYTES))
-    except (OSError, ValueError, RecursionError):
+        known = (folder / NAME).stat()
+        return dict(_entries(folder / NAME, known.st_mtime_ns, known.st_size))
+    except OSError:
+        return {}
+
+
+@lru_cache(maxsize=4)  # each table of a fleet's folder asks for it
+def _entries(path: Path, _mtime_ns: int, _size: int) -> dict[str, dict[str, Any]]:
+    try:
+        tree = json.loads(read_small(path, _MOST_BYTES))
+    except (ValueError, RecursionError):
         return {}
     if not isinstance(tree, dict) or tree.get("schema") != SCHEMA:
         return {}
@@ -45,6 +55,7 @@ def save(folder: Path, entries: dict[str, dict[str, Any]]) -> None:
     ordered = [entries[name] for name in sorted(entries)]
     text = json.dumps({"schema": SCHEMA, "recordings": ordered}, indent=1)
     write_text(folder / NAME, text + "\n")
+    _entries.cache_clear()
 
 
 def note(path: Path, origin: Path, **more: object) -> None:

@@ -283,6 +283,8 @@ def test_a_logger_s_file_becomes_a_table_that_is_read_as_the_log(tmp_path: Path)
     manifest.save(tmp_path, entries)
     with pytest.raises(RecordingError, match=r"manifest\.json: pinned of out\.csv: a list of num"):
         read_table(out)
+    (tmp_path / manifest.NAME).write_text("{}")  # another program's
+    assert not read_table(out).profile
 
 
 def test_a_fault_that_changes_nothing_meets_no_expectation(tmp_path: Path, capsys: Capture) -> None:
