@@ -12,7 +12,7 @@ from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.checksum import payload_checksums
 from monitor.decode.parameter_groups import mask_of
 from monitor.decode.payloads import Bytes, Fields, Numbers
-from monitor.decode.raw_values import bit_position, last_byte, not_available_raw, plausible_range
+from monitor.decode.raw_values import bit_position, last_byte, plausible_range, raw_limits
 from monitor.frames.blocks import EXTENDED
 
 Member = tuple[int, BusChannel]  # channel number, channel
@@ -116,10 +116,10 @@ class Group:
         steps = np.array(pairs, dtype=np.float64).transpose(1, 2, 0)[..., np.newaxis]
         steps[:, 1][(steps == [[[1]], [[0]]]).all(axis=1)] = -0.0  # leaves a zero its sign
         self._steps = [(f, o) for f, o in steps if (f != 1).any() or o.any()]
-        self._missing = [not_available_raw(channel) for channel in channels]
-        never = np.iinfo(np.int64).min
-        short = [never if m is None or m.bit_length() > 63 else m for m in self._missing]
-        self._raw_missing = np.array(short)[:, np.newaxis]
+        self._raw = [raw_limits(channel) for channel in channels]
+        whole = np.iinfo(np.int64)
+        raw = [(max(low, whole.min), min(high, whole.max)) for low, high in self._raw]
+        self._least, self._most = np.array(raw, dtype=np.int64).T[..., np.newaxis]
         limits = np.nan_to_num([plausible_range(channel) for channel in channels])
         self._low, self._high = limits.T[..., np.newaxis]
 
@@ -131,9 +131,10 @@ class Group:
         Returns, too, how many are not available and how many out of range.
         """
         raw, odd = self._fields.read(data)
-        values, missing = raw.astype(np.float64), raw == self._raw_missing
+        values, missing = raw.astype(np.float64), (raw < self._least) | (raw > self._most)
         for i, own in odd.items():
-            values[i], missing[i] = own, own == self._missing[i]
+            low, high = self._raw[i]
+            values[i], missing[i] = own, (own < low) | (own > high)
         for i, channel in self._ranged if most else ():
             told, usual = most[channel.range.name], float(channel.signal.maximum or 1.0)
             values[i] *= np.where(told > 0.0, told / usual, 1.0)

@@ -1,11 +1,15 @@
 """Raw values of a DBC signal: their place, their meaning, their plausible range."""
 
 import math
+from typing import Final
 
 from cantools.database.can import Message, Signal
 
 from monitor.base import signals
 from monitor.decode.bus_map import BusChannel
+
+_STATES_FROM: Final = 2  # bits
+_J1939_STATES: Final = {2: 2, 4: 2, 8: 5}  # of so many bits, the highest
 
 
 def not_available_raw(channel: BusChannel) -> int | None:
@@ -14,6 +18,30 @@ def not_available_raw(channel: BusChannel) -> int | None:
     if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
         return None
     return int(-(1 << (signal.length - 1)) if signal.is_signed else (1 << signal.length) - 1)
+
+
+def raw_limits(channel: BusChannel) -> tuple[float, float]:
+    """Return the least and the most raw value that is a value.
+
+    Behind them stand states: that the value is not available, those that the database names there
+    (``VAL_ … 254 "Error" 255 "SNA"``), and those of J1939 (J1939-71, table 1).
+    """
+    signal, missing = channel.signal, not_available_raw(channel)
+    if signal.is_float or signal.length < _STATES_FROM:
+        return -math.inf, math.inf
+    least = -(1 << (signal.length - 1)) if signal.is_signed else 0
+    low, high = least, least + (1 << signal.length) - 1
+    if channel.message.protocol == "j1939" or channel.any_source:
+        n_bits = min(signal.length, 8)
+        high -= (1 << (signal.length - n_bits)) * _J1939_STATES.get(n_bits, 0) * (least == 0)
+    named = {int(value) for value in signal.choices or {}}
+    while high in named:
+        high -= 1
+    while signal.is_signed and low in named:
+        low += 1
+    if low > high:  # all are named: states alone
+        low, high = least, least + (1 << signal.length) - 1
+    return low + (low == missing), high - (high == missing)
 
 
 def plausible_range(channel: BusChannel) -> tuple[float, float]:

@@ -386,3 +386,32 @@ def test_signals_of_more_than_64_bits_are_decoded(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     frames = [Frame(i, 100, False, rng.bytes(12)) for i in range(20)]
     assert_alike(bus_map, ["x0", "x1"], frames, [7])
+
+
+@pytest.mark.parametrize(
+    ("signal", "choices", "raw", "is_value"),
+    [
+        ("0|8@1+ (32,0)", '255 "SNA" 254 "Fehler"', [253, 254, 255], [True, False, False]),
+        ("7|16@0+ (0.25,0)", '65535 "Signal ungültig"', [65534, 65535], [True, False]),
+        (
+            "0|8@1- (32,0)",
+            '127 "error" -128 "not available"',
+            [126, 127, 128],
+            [True, False, False],
+        ),
+        ("0|2@1+ (1,0)", '0 "off" 1 "on" 3 "SNA"', [0, 1, 2, 3], [True, True, True, False]),
+        ("0|2@1+ (1,0)", '0 "a" 1 "b" 2 "c" 3 "d"', [0, 3], [True, True]),  # states alone
+        ("0|8@1+ (1,0)", '0 "stands"', [0, 255], [True, True]),
+    ],
+)
+def test_what_a_database_names_at_the_end_of_a_range_is_no_value(
+    tmp_path: Path, signal: str, choices: str, raw: list[int], is_value: list[bool]
+) -> None:
+    text = f' SG_ X0 : {signal} [0|0] "" A\n\nVAL_ 100 X0 {choices} ;'
+    own = '[signals]\nx0 = { message = "M", signal = "X0" }\n'
+    subject = Decoding(bus_map_of(tmp_path, 2, text, own), ["x0"])
+    frames = [Frame(0, 100, False, each.to_bytes(2, "little")) for each in raw]
+    if "@0" in signal:
+        frames = [Frame(0, 100, False, each.to_bytes(2, "big")) for each in raw]
+    found = [not math.isnan(values["x0"]) for values in subject.push(frames) if values]
+    assert found == is_value

@@ -1,5 +1,6 @@
 """J1939: a message is known by its parameter group, whatever its source address."""
 
+import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -118,3 +119,9 @@ def test_a_misspelt_name_is_told_with_the_nearest(folder: Path, wanted: str, lin
     with pytest.raises(SignalMapError, match="wants") as raised:
         load_pairs([(folder / "truck.dbc", wrong)])
     assert line in str(raised.value)
+
+
+def test_states_of_j1939_are_no_speeds(folder: Path) -> None:
+    frames = [speed(i, 0, raw * 0.125) for i, raw in enumerate((0xFAFF, 0xFB00, 0xFE00, 0xFFFF))]
+    values = decoded(bus(folder, 0), frames)
+    assert values == pytest.approx([8031.875, math.nan, math.nan, math.nan], nan_ok=True)
