@@ -18,13 +18,16 @@ WORDS: Final = dict.fromkeys(("true", "on", "yes", "active", "high", "ok"), 1.0)
     ("false", "off", "no", "inactive", "low"), 0.0
 )
 
-# h:m:s, h:m:s:ms or m:s, with or without a date before it and an offset from UTC after it
+# h:m:s, h:m:s:ms or m:s, with or without a date before it, a zone, its offset and a year after it
 _CLOCK: Final = re.compile(
-    r"(?:(.*\S)[T ] ?)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?::(\d{3,6}))?\s*"
-    r"(?:([ap])\.?\s?m\.?\s*)?(?:Z|UTC|GMT)?\s*(?:([+-]\d\d):?(\d\d)?)?",
+    r"(?:(.*\S)[T ] ?|\d+\.)?(?:(\d{1,3}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d*)?)(?::(\d{3,6}))?\s*"
+    r"(?:([ap])\.?\s?m\.?\s*)?(?:Z|UTC|GMT|MES?Z|[A-Z]{1,3}T)?\s*(?:([+-]\d\d?):?(\d\d)?)?"
+    r"(?:\s+(\d{4}))?(?:\s*\(.*\))?",
     re.I,
 )
-_BASIC: Final = re.compile(r"(\d{8}|\d\d)[T_](\d\d)(\d\d)(\d\d)[.,]?(\d*)")  # 20261128T063000.5
+# 20261128T063000.5, and points in a clock behind a date
+_BASIC: Final = re.compile(r"(\d\d(?:\d{6}|(?! )))[T_ ](\d\d)(\d\d)(\d\d)[.,]?(\d*)")
+_POINTS: Final = re.compile(r"(\d),? (\d\d?)\.(\d\d)\.(\d\d)[.,]?(\d*)")
 _IN_WORDS: Final = re.compile(r"(\d{1,3}) ?h ?(\d\d?) ?m(?:in)? ?([\d.,]+) ?s(?:ec)?", re.I)
 _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d/%m/%Y", "%Y%m%d"]
 
@@ -52,9 +55,10 @@ def numeral(text: str, *, comma: bool = False) -> float:
 
     comma : of decimals
 
-    >>> numeral("1,700"), numeral("-1.234,5", comma=True)
-    (1700.0, -1234.5)
+    >>> numeral("1,700"), numeral("-1.234,5", comma=True), numeral("\u22122.5")
+    (1700.0, -1234.5, -2.5)
     """
+    text = text.replace("\u2212", "-")  # as text programs write it
     if not is_plain(text):
         raise ValueError(f"{text[:40]!r} is no number")
     if comma and "," in text:
@@ -116,11 +120,12 @@ class ColumnClock:
         match = _clock_match(text)
         if match is None:
             return math.nan
-        day, hours, minutes, seconds, fraction, half, ahead, further = match.groups()
+        day, hours, minutes, seconds, fraction, half, ahead, further, year = match.groups()
         value = HOUR_S * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
         value += float(f"0.{fraction or 0}")
         if half:
             value = value % (DAY_S / 2) + (DAY_S / 2 if half in "pP" else 0.0)
+        day = f"{day} {year}" if day and year else day
         if day and ahead:
             value -= HOUR_S * int(ahead) + 60.0 * int(f"{ahead[0]}{further or 0}")
         if day and day != self._day:
@@ -139,8 +144,10 @@ class ColumnClock:
 
 def _readings(day: str) -> dict[str, float]:
     """Return the seconds since 1970 by each form of a date that fits."""
-    month = (re.search(r"[^\W\d]{3}", day) or [""])[0].casefold()  # of 28-Nov.-2026, 1-März-2026
-    day = re.sub(r"[^\W\d]{3,}\.?", _GERMAN.get(month, month), day)
+    words, numbers = re.findall(r"[^\W\d]{3,}", day), re.findall(r"\d+", day)
+    if words and len(numbers) == 2:  # Sat, 28-Nov.-2026; Mo 1. März 2026; Nov 28 2026
+        month, (number, year) = words[-1][:3].casefold(), sorted(numbers, key=len)
+        day = f"{number}-{_GERMAN.get(month, month)}-{year}"
     found = {}
     for form in _DATES:
         with suppress(ValueError):
@@ -167,9 +174,9 @@ def wrap_s(text: str) -> float:
 
 def _clock_match(text: str) -> re.Match[str] | None:
     text = _IN_WORDS.sub(r"\1:\2:\3", text.strip())
-    return _CLOCK.fullmatch(
-        _BASIC.sub(r"\1T\2:\3:\4.\5", text) if {"T", "_"} & {*text[2:9:6]} else text
-    )
+    for form in (_BASIC, _POINTS) if text.count(":") < 1 else ():
+        text = form.sub(r"\1 \2:\3:\4.\5", text, count=1)
+    return _CLOCK.fullmatch(text)
 
 
 def of_unit(unit: str, parse: Parse) -> Parse:

@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -19,6 +19,7 @@ from monitor.frames.tables.cells import (
     ColumnClock,
     Parse,
     exact_number,
+    is_no_value,
     is_plain,
     number,
     of_unit,
@@ -45,6 +46,12 @@ _LONG: Final = (
     "units unit einheit uom unidad unité",
 )
 _STATES: Final = ("entity_id", "state", "unit_of_measurement")  # the same, of Home Assistant
+# of a column that tells whose a row's values are
+_SOURCES: Final = re.compile(
+    r"(?:vehicle|car|vin|device|host|source|ecu|module|imei|fahrzeug|steuergerät|gerät)"
+    r"(?:[ _]?(?:id|name|no|nr|number))?\.?",
+    re.I,
+)
 # of a last column, which rows may lack
 _REMARKS: Final = re.compile("comment|remark|note|bemerkung", re.I)
 _MARKS: Final = ("mark", '"mark', "#", "//")  # lines that a logger writes between the rows
@@ -78,14 +85,15 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     if name is None or value in (None, name) or dialect.columns[name].kind != "text":
         return None
     units, said = dict[str, str](), [""]  # names, repeats left out
+    sources, source = dict[str, str](), _source_of(dialect)
     begin, row = list[str](), list[str]()
     for line, row in _rows(path, dialect, 0, Notes()):
         begin = begin or row
-        own = row[unit].strip() if unit is not None else ""
-        if (before := units.setdefault(row[name].strip(), own)) != own:
-            raise RecordingError(
-                f"{path}: line {line}: {row[name]} in {own!r}, before in {before!r}"
-            )
+        for place, of, told in (unit, "in", units), (source, "of", sources):
+            own = row[place].strip() if place is not None else ""
+            if (before := told.setdefault(row[name].strip(), own)) != own:
+                was = f"before {of} {before!r}"
+                raise RecordingError(f"{path}: line {line}: {row[name]} {of} {own!r}, {was}")
         if len(units) > MOST_NAMES:
             return None
         if len(said) <= len(units) and said[-1] != row[name]:
@@ -97,6 +105,30 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
     order = next(iter(clocks or first), None) if is_apart else None
     read = partial(_read_long, path, dialect, (*first, *units), name, value, order)
     return RawTable(path, f"{dialect.kind}, one value a row", columns, read, dialect.preamble)
+
+
+def _source_of(dialect: Dialect) -> int | None:
+    """Return the column that tells of which vehicle or device a row's values are."""
+    named = (i for i, each in enumerate(dialect.columns) if _SOURCES.fullmatch(each.name))
+    return next(named, None)
+
+
+def _one_source(
+    path: Path, dialect: Dialect, rows: Iterator[tuple[int, list[str]]], source: int
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows; raise RecordingError if two sources fill a column of numbers.
+
+    source : the column that tells it; one column that both fill may be the time
+    """
+    numbers = [i for i, each in enumerate(dialect.columns) if each.kind in ("number", "measure")]
+    filled = dict[int, str]()
+    for line, row in rows:
+        own = row[source]
+        both = [i for i in numbers if own and row[i] and filled.setdefault(i, own) != own]
+        if len(both) > 1 + (source in numbers):
+            told = f"{dialect.columns[both[-1]].name} of {own!r}, before of {filled[both[-1]]!r}"
+            raise RecordingError(f"{path}: line {line}: {told}: the rows of one are wanted")
+        yield line, row
 
 
 def _read_long(
@@ -145,9 +177,12 @@ def _read(
     places = [each.column for each in wanted]
     is_whole = dialect.is_exact and places == list(range(len(dialect.columns)))
     rows = _rows(path, dialect, max(places, default=0) + 1, notes)
+    if (source := _source_of(dialect)) is not None:
+        rows = _one_source(path, dialect, rows, source)
     plain = not dialect.decimal_comma and all(p in (number, exact_number) for p in parsers)
     steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
     odd: list[str] = []  # cells that are no number in the unit of their column
+    loose: list[str] = []  # other texts
     while True:
         block: list[list[float]] = []
         for line, row in islice(rows, _ROWS):
@@ -159,7 +194,7 @@ def _read(
             except ValueError:
                 names = (dialect.columns[i].name for i in places)
                 told = zip(names, parsers, cells, strict=True)
-                block.append([_value(path, line, odd, *each) for each in told])
+                block.append([_value(path, line, odd, loose, *each) for each in told])
             if len(odd) > 1 + DAMAGED_SHARE * line:
                 raise RecordingError(f"{path}: {odd[0]}, a number in its unit is wanted")
         if not block:
@@ -168,20 +203,28 @@ def _read(
         if not dialect.is_exact:
             found[np.abs(found) >= (NO_VALUE if dialect.steps else np.inf)] = np.nan
         yield found * steps
-    if odd:
-        left_out = f"{counted(len(odd), 'unreadable cell')} left out"
-        notes.sentences.append(f"{left_out}, the first: {odd[0]}")
+    for each in filter(None, (odd, loose)):
+        left_out = f"{counted(len(each), 'unreadable cell')} left out"
+        notes.sentences.append(f"{left_out}, the first: {each[0]}")
 
 
-def _value(path: Path, line: int, odd: list[str], name: str, parse: Parse, cell: str) -> float:
-    """Return a cell's value; NaN for one that cannot be read, which is told in ``odd``."""
+def _value(
+    path: Path, line: int, odd: list[str], loose: list[str], name: str, parse: Parse, cell: str
+) -> float:
+    """Return a cell's value; NaN for one that cannot be read, which is told.
+
+    odd : takes those of other units, loose : other texts
+    """
     try:
-        return parse(cell)
+        value, to = parse(cell), loose
     except ValueError:
-        odd.append(f"line {line}: column {name} is {cell.strip()[:40]!r}")
+        value, to = np.nan, odd
+    is_clock = isinstance(parse, ColumnClock)
+    if to is odd or (np.isnan(value) and not is_no_value(cell) and not is_clock):
+        to.append(to[0] if to else f"line {line}: column {name} is {cell.strip()[:40]!r}")
         if parse is exact_number:
-            raise RecordingError(f"{path}: {odd[-1]}, a number is wanted") from None
-        return np.nan
+            raise RecordingError(f"{path}: {to[-1]}, a number is wanted") from None
+    return value
 
 
 def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
@@ -263,7 +306,7 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
     """Yield the rows of data; marks and repeated headers are counted and left out."""
     width, skip, begun = len(dialect.columns), dialect.skip, False
     names = [column.name for column in dialect.columns]
-    nameless = ["", *names[1:2]]  # the first column, too
+    known = {name.partition("#")[0] for name in names}
     for row in reader:
         is_blank = not dialect.separator.join(row).strip()
         if is_blank or (dialect.row and not dialect.row.match(row[0])):
@@ -283,7 +326,7 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
             continue
         elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
             notes.count("markers")
-        elif len(row) >= width and [cell.strip() for cell in row[:2]] in (names[:2], nameless):
+        elif not row[0][:1].isdigit() and _is_header(row, known):
             pairs = zip(map(one_line, row), names, strict=False)
             new = [cell for cell, name in pairs if cell and not f"{name}#".startswith(f"{cell}#")]
             if new:
@@ -293,6 +336,13 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
             notes.count("repeated_headers")
         else:
             yield row
+
+
+def _is_header(row: Sequence[str], known: Container[str]) -> bool:
+    """Return whether half of a row's cells are names of columns, or all of them begin as words."""
+    cells = [cell for cell in map(one_line, row) if not is_no_value(cell)]
+    is_words = len(cells) == len(row) and all(cell[0].isalpha() for cell in cells)
+    return len(cells) > 1 and (is_words or 2 * sum(cell in known for cell in cells) >= len(cells))
 
 
 def _is_other_unit(cell: str, unit: str) -> bool:

@@ -81,11 +81,26 @@ def test_marks_repeated_headers_and_words_for_no_value(tmp_path: Path) -> None:
     assert notes.counts == {"markers": 1, "repeated_headers": 1}
 
 
-def test_a_header_with_other_columns_ends_the_table_and_is_told(tmp_path: Path) -> None:
-    path = table(tmp_path, "Time,RPM,A,B\n0,900,1,2\n1,910,1,2\nTime,RPM,B,A\n2,920,2,1\n")
+@pytest.mark.parametrize(
+    ("header", "first"),
+    [("Time,RPM,B,A", "B"), ("RPM,Time,A,B", "RPM"), ("Lap,Time,RPM,A", "Lap"), ("t,n,x,y", "t")],
+)
+def test_a_header_with_other_columns_ends_the_table_and_is_told(
+    tmp_path: Path, header: str, first: str
+) -> None:
+    path = table(tmp_path, f"Time,RPM,A,B\n0,900,1,2\n1,910,1,2\nnan,-,-,-\n{header}\n2,920,2,1\n")
     found, notes = cells_of(open_delimited(path))
-    assert found[:, 2].tolist() == [1.0, 1.0]
-    assert notes.lines == ("read up to a header with other columns: B, …",)
+    assert found[:2, 2].tolist() == [1.0, 1.0]
+    assert len(found) == 3
+    assert notes.lines == (f"read up to a header with other columns: {first}, …",)
+
+
+def test_cells_that_are_no_number_are_told_and_a_minus_of_texts_is_one(tmp_path: Path) -> None:
+    path = table(tmp_path, "Time,RPM,Trim\n0,900,\u22122.5\n1,14. Jul,(2)\n2,-,#NV\n3,910,1\n")
+    found, notes = cells_of(open_delimited(path))
+    np.testing.assert_array_equal(found[:, 2], [-2.5, np.nan, np.nan, 1.0])
+    told = "3 unreadable cells left out, the first: line 3: column RPM is '14. Jul'"
+    assert notes.lines == (told,)
 
 
 def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Path) -> None:
@@ -116,7 +131,17 @@ def test_clocks_with_and_without_hours_and_dates() -> None:
     assert clock("2026-03-07T00:00:03Z") == day + 3.0
     assert clock("2026-03-07T02:00:03.5+02:00") == clock("2026-03-06 19:00:03.5 -0500") == day + 3.5
     assert clock("20260307T000003.5Z") == clock("20260307T000003500") == day + 3.5
+    zones = (
+        "Sat Mar 7 00:00:04 2026",
+        "Sat Mar 7 01:00:04 GMT+01:00 2026",
+        "7.3.2026 01:00:04 GMT+1",
+    )
+    further = "Sat Mar 07 2026 01:00:04 GMT+0100 (CET)", "Sat, 7 Mar 2026 00:00:04 +0000"
+    points = "2026/3/7 00.00.04,0", "20260307 000004", "March 7, 2026 00:00:04 UTC"
+    assert {clock(each) for each in (*zones, *further, *points)} == {day + 4.0}
+    assert clock("00:00:04 CET") == clock("1.00:00:04.0") == 4.0
     assert np.isnan(clock("14.7"))
+    assert np.isnan(clock("12 100000"))
 
 
 @pytest.mark.parametrize("days", [("12/11/2026", "13/11/2026"), ("11/12/2026", "12/12/2026")])
