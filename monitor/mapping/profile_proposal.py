@@ -27,7 +27,7 @@ from monitor.frames.profiles.profile import (
 from monitor.frames.profiles.recognition import key, keys_of
 from monitor.frames.tables.dialect import name_and_unit
 from monitor.frames.tables.raw_table import Notes, RawColumn, RawTable, Wanted
-from monitor.frames.units import unit_of
+from monitor.frames.units import UNITS, unit_of
 from monitor.mapping.fit import SEVERAL, SURE, Description, QuantityFit, fit_of
 from monitor.mapping.proposal import Entry, SignalCandidate, entries, propose, toml
 from monitor.mapping.vocabulary import QUANTITIES, WORDS, match, words_of
@@ -192,6 +192,8 @@ def _time_columns(raw: RawTable, cells: FloatArray, signals: Collection[str]) ->
         rises &= [name not in signals for name in raw.names]
         rises &= kinds == ("time" if (rises & (kinds == "time")).any() else "")
         named = [raw.names[i] for i in np.flatnonzero(rises).tolist() if raw.names[i]][:1]
+    if not (named or clocks):  # of seconds, beside hours or parts of them
+        named = [n for n in raw.names if unit_of(n, 1.0) == UNITS["s"]]
     return list(dict.fromkeys((*named, *clocks)))
 
 

@@ -1,5 +1,6 @@
 """A raw table under a profile: canonical signals with their units, pinned values marked."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -144,8 +145,10 @@ def _rows(
 ) -> tuple[IntArray, FloatArray]:
     """Return the rows' times in ns, (n,) strictly rising, and their cells, (n, n_wanted)."""
     sources, clocks = (*times, *wanted), _clocks(raw, times[0])
+    parts, sizes = _parts(raw, times[0].column)
     columns = [Wanted(each.column, each.source.words) for each in sources]
-    every = all_cells(raw, [*columns, *map(Wanted, clocks)], notes)
+    every = all_cells(raw, [*columns, *map(Wanted, clocks), *map(Wanted, parts)], notes)
+    every[:, 0] = _joined(every[:, 0], every[:, len(columns) + len(clocks) :], sizes)
     steps = np.diff(_time(raw, times, every, Notes())[0])
     if 2 * np.count_nonzero(steps < 0.0) > len(steps):
         every = every[::-1]
@@ -162,19 +165,53 @@ def _rows(
     return t_ns, cells[rows]
 
 
+def _parts(raw: RawTable, time: int) -> tuple[list[int], FloatArray]:
+    """Return the columns of hours, seconds, µs, … among which the time's stands, and their units.
+
+    The units, (n,), are those of the time's column.
+    """
+    named = [unit_of(column.name, 1.0) for column in raw.columns]
+    sizes = [unit.factor if unit and unit.quantity == "time" else 0.0 for unit in named]
+    sizes[time] = sizes[time] or float(raw.columns[time].kind == "clock")
+    first = last = time
+    while first and sizes[first - 1] > sizes[first] > 0.0:
+        first -= 1
+    while last + 1 < len(sizes) and sizes[last] > sizes[last + 1] > 0.0:
+        last += 1
+    places = list(range(first, last + 1))
+    return places, np.array(sizes)[places] / (sizes[time] or 1.0)
+
+
+def _joined(time: FloatArray, parts: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return the times, (n,), that columns hold together, or the time's own if these are others."""
+    tops = np.nanmax(parts[:, 1:], axis=0, initial=0.0) * sizes[1:]
+    is_whole = np.all((parts == np.floor(parts)) | np.isnan(parts), axis=0)
+    are_parts = len(sizes) > 1 and is_whole[:-1].all() and (tops < sizes[:-1]).all()
+    return np.asarray(parts @ sizes) if are_parts else time
+
+
 def _clocks(raw: RawTable, time: Choice) -> list[int]:
-    """Return the columns that are clocks of the columns behind them: the time's name, repeated."""
-    name = raw.columns[time.column].name
-    clocks = [i for i, each in enumerate(raw.names) if each.rpartition("#")[0] == name]
-    return [time.column, *clocks] if clocks else []
+    """Return the columns that are clocks of the columns behind them, as the time's is.
+
+    Their names are the time's but for a number, or begin as it and stand before each other column.
+    """
+    names, first = [*map(str.casefold, raw.names)], time.column
+    alike, kin = (
+        [i for i, each in enumerate(bare) if each == bare[first]]
+        for form in (r"#?\d+", r"[\W\d_].*")
+        for bare in [[re.sub(form, "", name) for name in names]]
+    )
+    clocks = kin if kin == [*range(first, len(names), 2)] else alike
+    return clocks if len(clocks) > 1 and min(np.diff(clocks)) > 1 else []
 
 
 def _at(times: FloatArray, own: FloatArray, cells: FloatArray) -> FloatArray:
-    """Return the values of a column with its own clock at times of another: the last before."""
+    """Return the values of a column with its own clock at the first of other times behind each."""
     known = np.flatnonzero(np.isfinite(own) & np.isfinite(cells))
     order = known[np.argsort(own[known], kind="stable")]
     place = np.searchsorted(own[order], times, side="right") - 1
-    return np.where(place >= 0, cells[order][np.maximum(place, 0)], np.nan) if len(order) else cells
+    is_new = np.diff(place, prepend=-1) > 0
+    return np.where(is_new, cells[order][np.maximum(place, 0)], np.nan) if len(order) else cells
 
 
 def _lives(name: str, cells: FloatArray) -> bool:

@@ -38,12 +38,13 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     keep = np.abs(t_s) < LATEST_S
     notes.count("rows_without_time", int((~keep).sum()))
     t_s = t_s[keep].copy()
-    if np.any(np.abs(np.diff(t_s) + DAY_S) < ANEW_S):  # seconds of the day go on over midnight
-        wraps_s = DAY_S
+    steps, wraps = np.diff(t_s, prepend=t_s[:1]), np.zeros(len(t_s))
+    for whole_s in (HOUR_S, DAY_S):  # summer time ends, midnight
+        wraps[np.abs(steps + whole_s) < ANEW_S] = whole_s
     if wraps_s:
-        falls = np.diff(t_s, prepend=t_s[:1]) < -0.5 * wraps_s
-        t_s += wraps_s * np.cumsum(falls)
-        notes.count("clock_wraps", int(falls.sum()))
+        wraps[steps < -0.5 * wraps_s] = wraps_s
+    notes.count("clock_wraps", int(np.count_nonzero(wraps)))
+    t_s += np.cumsum(wraps)
     before, after = np.append(-np.inf, t_s)[:-1], np.append(t_s, np.inf)[1:]
     is_odd = (t_s > after + JITTER_S) | (t_s < before - JITTER_S)
     lone = is_odd & (after >= before)  # one row is no log of its own

@@ -268,6 +268,56 @@ def test_groups_with_clocks_of_their_own_keep_their_times(proposed: Proposed) ->
     np.testing.assert_allclose(values(table, "lambda_measured"), [0.9 + i / 200 for i in ROWS[:-1]])
 
 
+@pytest.mark.parametrize("names", [("X1 [s]", "X2 [s]"), ("t_rpm", "t_lambda"), ("Time", "Time")])
+def test_columns_with_a_clock_each_keep_their_times(
+    proposed: Proposed, names: tuple[str, str]
+) -> None:
+    # GIVEN a sensor that is logged from 1 s on at half the rate, and ends in the middle
+    table, _ = proposed(
+        f"{names[0]},RPM,{names[1]},Lambda\n"
+        + rows(
+            lambda i: f"{i / 10},{RPM[i]}," + (f"{1 + i / 20},{0.9 + i / 1000}" if i < 20 else ",")
+        )
+    )
+    # THEN each value stands at its time, and is not held to the end
+    measured = [0.9 + i / 1000 for i in (*range(0, 20, 2), *[19] * 6)]
+    np.testing.assert_allclose(values(table, "lambda_measured"), measured)
+
+
+@pytest.mark.parametrize(
+    ("names", "form"),
+    [
+        ("Seconds,Microseconds", lambda ms: f"{1795847400 + ms // 1000},{ms % 1000 * 1000}"),
+        ("secs,nsecs", lambda ms: f"{ms // 1000},{ms % 1000 * 1_000_000}"),
+        ("Time,Millisecond", lambda ms: f"10:00:{ms // 1000:02d},{ms % 1000}"),
+        (
+            "Year,Month,Day,Hour,Minute,Second",
+            lambda ms: f"2026,11,28,10,{(57000 + ms) // 60000},{(57000 + ms) % 60000 / 1000:.3f}",
+        ),
+        ("Hour,Minute,Second,ms", lambda ms: f"9,59,{ms // 1000},{ms % 1000}"),
+        ("Seconds,Milliseconds", lambda ms: f"{ms // 1000},{ms}"),  # each tells all of it
+    ],
+)
+def test_a_time_may_stand_in_several_columns(
+    proposed: Proposed, names: str, form: Callable[[int], str]
+) -> None:
+    times_ms = [130 * i + 7 * (i % 3) for i in ROWS]
+    table, _ = proposed(
+        f"{names},RPM,AFR\n" + rows(lambda i: f"{form(times_ms[i])},{RPM[i]},{AFR[i]}")
+    )
+    atol = 5e8 if form(1234) == "1,1234" else 1e3  # whole seconds, spread
+    np.testing.assert_allclose(np.diff(table.t_ns), np.diff(times_ms) * 1e6, atol=atol)
+
+
+def test_a_clock_that_goes_back_an_hour_goes_on(proposed: Proposed) -> None:
+    text = rows(
+        lambda i: f"2026-10-25 02:{59 * (i < 20):02d}:{(58 + i / 10) % 60:04.1f},{RPM[i]},{AFR[i]}"
+    )
+    table, _ = proposed("Time,RPM,AFR\n" + text)
+    np.testing.assert_allclose(np.diff(table.t_ns), 1e8, atol=1e6)
+    assert any("the clock started again" in line for line in table.notes.lines)
+
+
 def test_a_column_whose_unit_is_of_another_quantity_carries_no_signal(tmp_path: Path) -> None:
     # GIVEN each quantity in volts and in its own unit, under one name
     path = tmp_path / "volts.csv"
@@ -460,6 +510,31 @@ def test_a_long_table_may_hold_one_signal_after_another(proposed: Proposed, tmp_
     path.write_text("t,pid,value,unit\n" + rows(lambda i: f"{i},Speed,{i},{'mph'[: 3 * i]}"))
     with pytest.raises(RecordingError, match="line 3: Speed in 'mph', before in ''"):
         read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "other"),
+    [
+        ("Time,Vehicle,RPM,AFR", "{},A,{},14.7", "{},B,{},14.7"),
+        ("Time,device_id,RPM,AFR", "{},1,{},14.7", "{},2,{},14.7"),
+        ("host,time,name,value", "A,{},RPM,{}", "B,{},RPM,{}"),
+        ("Time,RPM,AFR,VIN", "{},{},14.7,A", "{},{},14.7,B"),
+    ],
+)
+def test_two_vehicles_in_one_table_are_refused(
+    tmp_path: Path, header: str, row: str, other: str
+) -> None:
+    path, own = tmp_path / "two.csv", tmp_path / "own.toml"
+    own.write_text('time = "Time"\n[signals]\nengine_speed_rpm = "RPM"\n')
+    mixed = rows(lambda i: (row, other)[i % 2].format(i / 10, RPM[i]))
+    path.write_text(f"{header}\n{mixed}")
+    with pytest.raises(RecordingError, match=r"line 3: \w+ of '[B2]', before of '[A1]'"):
+        read_table(path, own)
+    # AND the rows of one, and those of two devices with columns of their own, are read
+    path.write_text(f"{header}\n" + rows(lambda i: row.format(i / 10, RPM[i])))
+    assert values(read_table(path, own), "engine_speed_rpm").tolist() == RPM
+    path.write_text("Time,Device,RPM,Lat\n" + rows(lambda i: f"{i},obd,{RPM[i]},\n{i}.5,gps,,48"))
+    assert 40 <= len(read_table(path, own).t_ns) <= 80
 
 
 def test_one_broken_row_costs_a_note_and_many_the_table(proposed: Proposed, tmp_path: Path) -> None:
