@@ -1,15 +1,18 @@
 """Decision limits from healthy drives that the model, or its twin, has not seen."""
 
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from monitor.base.config import BiasConfig, Config
+from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
+from monitor.judge.causes.causes import Cause
 from monitor.judge.limits import NO_LIMITS, Limits, in_unit
 from monitor.judge.window import oriented
 from monitor.model.card import Limit, ModelCard
@@ -41,14 +44,15 @@ def limits_of(
     """
     windows = [window for drive in drives for window in drive]
     if len(windows) < MINIMUM_WINDOWS:
-        of_each = (c.in_words for r in recordings for c in why_not(r, card, config)[:1])
-        most = Counter(of_each).most_common(1)
-        cause = f"{most[0][0]} (in {most[0][1]} of {len(recordings)} recordings)" if most else ""
+        blocked = defaultdict[tuple[Any, ...], list[Cause]](list)
+        for cause in (cause for r in recordings for cause in why_not(r, card, config)[:1]):
+            blocked[cause.condition, cause.signal].append(cause)
         driven = " with the vehicle warm and in closed loop" if card.transform == "phi" else ""
-        raise RecordingError(
-            f"{len(windows)} healthy windows, {MINIMUM_WINDOWS} are wanted to set limits: "
-            f"{cause or f'give more or longer recordings{driven}'}"
-        )
+        told = f"give more or longer recordings{driven}"
+        if most := max(blocked.values(), key=len, default=[]):
+            told = f"{most[0].in_words} (in {len(most)} of {counted(len(recordings), 'part')})"
+        number = counted(len(windows), "healthy window")
+        raise RecordingError(f"{number}, {MINIMUM_WINDOWS} are wanted to set limits: {told}")
     # a drive unlike all others tells of itself, so the median one counts
     long = [drive for drive in drives if len(drive) >= MINIMUM_WINDOWS] or [windows]
     noise, memory = _noise(long, card.transform)

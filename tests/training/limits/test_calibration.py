@@ -264,6 +264,13 @@ def test_a_column_of_zeros_is_named_instead_of_more_recordings(tmp_path: Path) -
     assert "more or longer" not in str(raised.value)
 
 
+def test_of_several_causes_the_commonest_is_named(tmp_path: Path) -> None:
+    cold = recording(tmp_path / "cold.csv", coolant_temperature_degc=20.0)
+    slow = [recording(tmp_path / f"{k}.csv", vehicle_speed_km_h=k) for k in (0.0, 3.0)]
+    with pytest.raises(RecordingError, match=r"vehicle_speed_km_h is .* \(in 2 of 3 parts\)"):
+        limits_of([[]], CARD, CONFIG, "test", [cold, *slow])
+
+
 def test_nothing_is_wrong_with_an_ordinary_drive(tmp_path: Path) -> None:
     assert why_not(recording(tmp_path / "drive.csv"), CARD, CONFIG) == []
 
