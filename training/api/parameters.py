@@ -19,7 +19,7 @@ class TableParameters:
     load : load axis: manifold pressure in kPa or air in mg per stroke (default: kPa if the
         recordings have it)
     displacement_l : displacement in litres of all cylinders; without it speed density does not tell
-        the injector flow
+        the injectors' flow, the sensor's lag and the air per stroke
     cylinders : number of cylinders, which turn displacement and air meter into the charge of one
     """
 

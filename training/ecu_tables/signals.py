@@ -105,7 +105,7 @@ class TableSubject:
     air: Air
     load: str  # name of the load axis
     known: frozenset[str]  # signals of all drives
-    absolute_air: bool  # the air is in true milligrams, so a flow scale can be told
+    absolute_air: bool  # the air is in true milligrams, so flows can be told
 
     @property
     def samples(self) -> int:
@@ -156,6 +156,8 @@ def subject_of(
     litres = displacement_l or LITRES
     drives = tuple(_drive(r, air, load, known, litres, cylinders) for r in recordings)
     absolute = air in (Air.STROKE, Air.METER) or displacement_l is not None
+    if load == MG_PER_STROKE and not absolute:
+        raise UsageError(f"{recordings[0].path}: a load axis in mg needs the displacement")
     subject, least_s = TableSubject(drives, air, load, known, absolute), defaults().least_s
     if subject.seconds < least_s:
         raise RecordingError(

@@ -115,7 +115,7 @@ def tables(fitted: FittedTables, axes: TableAxes, config: TablesConfig) -> list[
 def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
     """Return delay, lag and wall film over speed and load, the injectors, the sensor's lag.
 
-    Injectors need a pulse width, and their flow an absolute air.
+    Injectors need a pulse width; their flow and the exhaust's, an axis, an absolute air.
     """
     at = (axes.speed.nearest(samples.rpm), axes.load.nearest(samples.load))
     nodes = _nodes(p, axes, samples, at)
@@ -136,7 +136,9 @@ def _laws(p: Parameters, samples: CellSamples, axes: TableAxes) -> list[_Law]:
         dead_ms = partial(laws.dead_ms, volts=np.asarray(axes.volts.values))
         counted = np.full(len(at_volts), told)
         made.append(_Law("injector_dead_time", "ms", (axes.volts,), dead_ms, (at_volts,), counted))
-    if PULSE in known and p.subject.absolute_air:
+    if not p.subject.absolute_air:
+        return made
+    if PULSE in known:
         axis = axes.pressure(direct="rail_pressure_mpa" in known)
         mg_ms = lambda v: exp(v["flow"] + np.zeros(1))  # noqa: E731
         made.append(_Law("injector_flow_scale", "mg/ms", (axis,), mg_ms, (0 * at_volts,)))

@@ -188,7 +188,8 @@ def test_a_log_becomes_tables_with_bounds_and_blank_cells(
     assert document["schema"] == "o2train.tables/1"
     names = [t["name"] for t in document["tables"]]
     assert {"lambda_delay", "lambda_lag", "wall_film_time", "injector_dead_time"} <= set(names)
-    assert "injector_flow_scale" not in names  # no displacement: the air has no scale
+    # no displacement: the air has no scale
+    assert not {"injector_flow_scale", "sensor_lag"} & {*names}
     delay = document["tables"][names.index("lambda_delay")]
     estimate, low, high = (np.array(delay[k], float) for k in ("estimate", "low", "high"))
     samples = np.array(delay["samples"])
@@ -285,9 +286,13 @@ def test_the_charge_of_one_cylinder_follows_from_their_number(tmp_path: Path) ->
     np.testing.assert_allclose(*(each.drives[0].air for each in both))
     cases = [_Problem.of(each, each.drives, 2).cases[0] for each in both]
     np.testing.assert_allclose(cases[1].point.flow_kg_h, 1.5 * cases[0].point.flow_kg_h)
-    for size in ({"displacement_l": 0.0}, {"cylinders": 0}):  # AND no engine is without either
-        with pytest.raises(UsageError, match=r" 0: .* are wanted"):
-            subject_of([recording], **size)
+    for size, told in (  # AND no engine is without either, nor is air per stroke known without
+        ({"displacement_l": 0.0}, " 0: .* are wanted"),
+        ({"cylinders": 0}, " 0: .* are wanted"),
+        ({"load": "air_mass_mg"}, "a load axis in mg needs the displacement"),
+    ):
+        with pytest.raises(UsageError, match=told):
+            subject_of([recording], **size)  # type: ignore[arg-type]
 
 
 def test_where_the_rail_pressure_is_lost_no_pulse_tells_a_flow(tmp_path: Path) -> None:
