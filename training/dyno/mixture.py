@@ -20,7 +20,7 @@ from training.dyno.vehicle import STOICHIOMETRIC_AIR_FUEL, Conditions, Piece
 from training.recordings.sensor_fault import SensorParameters
 
 LAMBDA_MAX = 15.9  # highest lambda that the ECU sends, in fuel cut
-HISTORY = 512  # steps of 10 ms in a ring, the longest delay
+HISTORY = catalyst.RING
 TRIM_LIMIT = 0.30
 SENSOR_WARM_UP_S = 15.0
 EXHAUST_KG_M3 = 0.45

@@ -27,9 +27,12 @@ def write(experiment: Experiment, folder: Path, suffix: str, period_s: float = 0
     path = folder / f"{experiment.name}.{suffix}"
     if path.exists() and manifest.entry_of(path).get("source") != "simulated":
         raise UsageError(f"{path}: is there already and no simulated drive; choose another folder")
+    layout = experiment.layout if suffix in TABLES else None
+    if layout is not None and experiment.downstream:
+        raise UsageError(f"{path}: a tuner's log has no sensor behind the catalyst, a CAN log has")
     signals = simulate(experiment)
-    if suffix in TABLES and experiment.layout is not None:
-        names = logger.columns(experiment.layout)
+    if layout is not None:
+        names = logger.columns(layout)
         t_s, values = logger.polled(signals, names, period_s)
         write_table(path, t_s, names, values)
     else:

@@ -18,6 +18,8 @@ from training.dyno.vehicle import Conditions, Piece
 
 # duty of the upstream sensor's heater once it is warm, in percent: at no flow, less per kg/h, least
 HEATER_IDLE_PERCENT, HEATER_FLOW, HEATER_LEAST = 60.0, 0.25, 20.0
+DEAD_TIMES = ("delay_s", "delay_to_rich_s", "delay_to_lean_s")
+LATEST_S = (mixture.HISTORY - 2) * cycles.STEP_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,10 @@ def driven(experiment: Experiment) -> tuple[SimulatedDrive, Mixture, Conditions]
     length_s, start_s = len(trace.speed_m_s) * cycles.STEP_S, experiment.fault_start_s
     if not 0.0 <= start_s < length_s:
         raise UsageError(f"fault start {start_s:g} s: not within the drive of {length_s:g} s")
+    faults = (experiment.fault, experiment.downstream_fault)
+    late_s = max(getattr(each, name, 0.0) for each in faults for name in DEAD_TIMES)
+    if late_s > LATEST_S:
+        raise UsageError(f"dead time {late_s:g} s: at most {LATEST_S:g} s are wanted")
     piece = experiment.piece or vehicle.piece(experiment.vehicle)
     conditions = experiment.conditions or vehicle.conditions(experiment.seed)
     effects = experiment.effects

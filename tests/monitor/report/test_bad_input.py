@@ -152,6 +152,9 @@ def test_a_reader_that_goes_away_changes_no_result(ninety_seconds: Path, tmp_pat
         ["simulate", "--effect", "wall_film=nan"],
         ["simulate", "--fault", "gain_low=1.5"],
         ["simulate", "--fault", "sticky"],
+        ["simulate", "--fault", "delay_symmetric=6"],  # the plant remembers 5 s
+        ["simulate", "--fault", "downstream_delay_symmetric=6"],
+        ["simulate", "--injection", "port", "--fault", "catalyst_low", "--format", "csv"],
         ["simulate", "--cycle", "nedc"],
         ["simulate", "--fault", "gain_low", "--fault-start", "1000", "--duration", "20"],
         ["simulate", "--fault", "gain_low", "--fault-start", "5000"],  # the cycle ends before
