@@ -16,6 +16,7 @@ from training.greybox.charge import ChargeError, ChargeMap
 from training.greybox.fit.drive import OUTPUT, ChainDrive, from_recording
 from training.greybox.graph.chain_difference import ChainDifference
 from training.greybox.graph.chain_graph import Greybox
+from training.greybox.graph.effect_inputs import seeing
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
 from training.recordings.samples.rows import hold
@@ -99,10 +100,10 @@ def plain_drives_of(
     trained, given = ({each.sha256 for each in of} for of in (card.recordings, healthy))
     if meter_s and given and not trained <= given:  # it was fitted to others, too
         chain, meter_s = replace(chain, charge=None), None
-    made = [_made(each, chain) for each in recordings]
+    own = tuple(seeing(each, chain.inputs, chain.limits) for each in chain.own)
     return [
-        replace(from_recording(each, own), charged=bool(own), meter_s=meter_s)
-        for each, own in zip(recordings, made, strict=True)
+        replace(from_recording(each, made), charged=bool(made), meter_s=meter_s, own=own)
+        for each, made in ((each, _made(each, chain)) for each in recordings)
     ]
 
 

@@ -95,7 +95,7 @@ def learn(drives: Sequence[ChainDrive], start: Constants, like: Healthy | None =
     like : of the same vehicle, whose own effects and error of the charge are taken over
     """
     charge = like.charge if like else _charge_error(drives)
-    drives = [charged(drive, charge) for drive in drives]
+    drives = [charged(replace(drive, own=()), charge) for drive in drives]
     plain, base, own = _chain(drives, start, like)
     drives = [replace(drive, own=own) for drive in drives]
     tables = [columns(drive, base) for drive in drives]
