@@ -16,6 +16,7 @@ from monitor.frames.profiles.recognition import recognised
 from monitor.frames.tables.readers import open_table
 from monitor.grid.table_samples import in_range
 from monitor.grid.tables import BLANK, TIME, Table, read_table, rename, table_period_ns
+from monitor.judge.catalyst.watch import VOLTAGE
 from monitor.model.card import ModelCard
 from monitor.pipeline.recordings import table_of_model
 
@@ -193,8 +194,10 @@ def _runs(table: Table) -> BoolArray:
 def advice(check: TableCheck) -> str:
     """Return the commands that a logger's file without a model allows."""
     if OUTPUT not in check.present:
-        useless = f"no {OUTPUT}: neither o2train fit nor o2mon replay can use this log"
-        return "\n".join(filter(None, (useless, rename(check.table))))
+        useful = "neither o2train fit nor o2mon replay can use this log"
+        if VOLTAGE in check.present:
+            useful = "o2mon replay judges only the catalyst and the sensor behind it"
+        return "\n".join(filter(None, (f"no {OUTPUT}: {useful}", rename(check.table))))
     if check.is_output_pinned:
         return f"{OUTPUT} stands at an end of its range throughout: nothing to learn from"
     if not check.runs.any():

@@ -175,6 +175,15 @@ def test_a_fit_is_recommended_only_where_sensor_and_engine_were_on(
     assert ("of the 100 rows in which the engine runs" in text) == ("learns" in said)
 
 
+def test_a_log_with_the_rear_sensor_alone_is_for_the_catalyst(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    rear = {"O2 Bank 1 Sensor 2 Voltage(V)": ["0.7"] * 300}
+    cli.main(["check", str(torque(tmp_path / "rear.csv", **rear))])
+    said = "no lambda_measured: o2mon replay judges only the catalyst and the sensor behind it"
+    assert said in capsys.readouterr().out
+
+
 def test_where_the_profile_knows_no_sensor_another_one_is_offered(
     tmp_path: Path, capsys: Capture
 ) -> None:
