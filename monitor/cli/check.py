@@ -21,9 +21,11 @@ from monitor.cli.options import (
     Seconds,
     SetupOptions,
     bus_address,
+    end_with,
     obd_poller,
     open_bus,
     say,
+    set_aside,
     set_up,
 )
 
@@ -64,7 +66,12 @@ def run(args: CheckOptions) -> int:
     """Say which signals are there, log by log; return the worst exit code."""
     if args.write_profile:
         return _write_profile(args.log, args.write_profile)
-    return max([_check(args, log) for log in args.log or (None,)])
+    codes, unusable = list[int](), dict[str, str]()
+    for log in args.log or (None,):
+        with set_aside(log or Path(), unusable):
+            codes.append(_check(args, log))
+    end_with(unusable)
+    return max(codes)
 
 
 def _check(args: CheckOptions, path: Path | None) -> int:

@@ -10,15 +10,24 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from monitor.base.command_line.parameters import reading_words
 from monitor.base.errors import UsageError
-from monitor.cli.options import NOT_JUDGED, JudgeOptions, say, set_up, write_outputs
+from monitor.cli.options import (
+    NOT_JUDGED,
+    JudgeOptions,
+    end_with,
+    say,
+    set_aside,
+    set_up,
+    write_outputs,
+)
 from monitor.grid.tables import kinds_of
 
 if TYPE_CHECKING:
     from monitor.cli.doctor import DoctorOptions
+    from monitor.pipeline.collector import Trace
 
 Words = list[str | Path]
 _MODULES = {"o2mon": "monitor.cli", "o2train": "training.cli"}
@@ -42,16 +51,22 @@ def diagnosed(args: "DoctorOptions") -> int:
     of_model: Words = ["--model", model] if model else []
     settings: Words = ["--config", args.config] if args.config else []
     for log in args.log:
-        steps |= _step("o2mon", "check", log, *of_model, *_reading(args, [log]), *settings)
+        words = [log, *of_model, *_reading(args, [log]), *settings]
+        steps |= _step("o2mon", "check", *words, may_fail=True)
     setup = set_up(replace(args, model=model), args.columns)
-    judged = [replay(log, setup, trace=True) for log in args.log]
+    judged, unusable = list["tuple[dict[str, Any], Trace]"](), dict[str, str]()
+    for log in args.log:
+        with set_aside(log, unusable):
+            judged.append(replay(log, setup, trace=True))
     logs = args.healthy or args.log
     words = [*logs, "--out", args.out / "tables", *_reading(args, logs), *force]
     steps |= _step("o2train", "tables", *words, may_fail=True)
     recordings, traces = [each for each, _ in judged], [trace for _, trace in judged]
     for recording in recordings:
         say("\n".join(print_recording(recording)))
-    write_outputs(JudgeOptions(html=args.out / "report.html"), setup, recordings, traces, steps)
+    if recordings:
+        write_outputs(JudgeOptions(html=args.out / "report.html"), setup, recordings, traces, steps)
+    end_with(unusable)
     return exit_code(recordings)
 
 

@@ -5,8 +5,8 @@ import errno
 import logging
 import os
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TextIO
@@ -15,7 +15,7 @@ from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.option_kinds import BUS, ActsOn
 from monitor.base.command_line.parameters import OF_FRAMES, BusFiles, Input, Output, SettingsFile
 from monitor.base.counts import plain
-from monitor.base.errors import BusError, UsageError
+from monitor.base.errors import BusError, RecordingError, SignalMapError, UsageError
 
 if TYPE_CHECKING:
     import can
@@ -128,6 +128,28 @@ def warn(line: str) -> None:
     """Print a warning that ends nothing."""
     with suppress(BrokenPipeError):
         print(f"o2mon: warning: {line}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def set_aside(log: Path, unusable: dict[str, str]) -> Iterator[None]:
+    """Let the other logs go on without one that cannot be used; its error is kept."""
+    try:
+        yield
+    except (RecordingError, SignalMapError) as error:
+        unusable[str(log)] = str(error)
+    except OSError as error:
+        if str(error.filename) != str(log):
+            raise
+        unusable[str(log)] = f"{log}: {error.strerror}"
+
+
+def end_with(unusable: Mapping[str, str]) -> None:
+    """Say the errors of logs that were set aside; the last one, if any, is raised as UsageError."""
+    *others, last = unusable.values() or [""]
+    for line in others:
+        warn(line)
+    if last:
+        raise UsageError(last)
 
 
 def obd_poller(

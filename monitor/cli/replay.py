@@ -8,8 +8,17 @@ from typing import Annotated
 
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
-from monitor.base.files.junit import JunitRun, junit_file
-from monitor.cli.options import LOGS, JudgeOptions, say, set_up, warn, write_outputs
+from monitor.base.files.junit import JunitCase, JunitRun, junit_file
+from monitor.cli.options import (
+    LOGS,
+    JudgeOptions,
+    end_with,
+    say,
+    set_aside,
+    set_up,
+    warn,
+    write_outputs,
+)
 from monitor.cli.sinks import SinkOptions, appended, open_sinks, spoken
 
 __all__ = ["EXAMPLES", "appended", "run"]
@@ -59,7 +68,7 @@ def _replay(args: ReplayOptions, tests: JunitRun) -> int:
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)
-    recordings, traces = [], []
+    recordings, traces, unusable = [], [], dict[str, str]()
     with (
         closing(memory) if memory else nullcontext(),
         closing(Written(open_sinks(args), args.sink_rate)) as sinks,
@@ -67,15 +76,22 @@ def _replay(args: ReplayOptions, tests: JunitRun) -> int:
         listeners = sinks.listener if args.sink else None
         for log in args.log:
             tests.name = str(log)
-            recording, trace = replay(
-                log, setup, memory, trace=bool(args.html), listeners=listeners
-            )
-            recordings.append(recording)
-            traces.append(trace)
-            tests.cases.append(case(recording))
-            if args.sink and "limits" not in recording:
-                warn(f"{log}: is judged without a model, so the sinks get nothing of it")
-            for line in () if args.quiet else print_recording(recording, windows=args.windows):
-                say(line, spoken(args))
-    write_outputs(args, setup, recordings, traces, stream=spoken(args))
+            with set_aside(log, unusable):
+                recording, trace = replay(
+                    log, setup, memory, trace=bool(args.html), listeners=listeners
+                )
+                recordings.append(recording)
+                traces.append(trace)
+                tests.cases.append(case(recording))
+                if args.sink and "limits" not in recording:
+                    warn(f"{log}: is judged without a model, so the sinks get nothing of it")
+                for line in () if args.quiet else print_recording(recording, windows=args.windows):
+                    say(line, spoken(args))
+            if memory and unusable:  # its driving cycle would be missing in all that follow
+                break
+    if recordings:
+        write_outputs(args, setup, recordings, traces, stream=spoken(args))
+    *others, tests.name = unusable or [tests.name]
+    tests.cases += [JunitCase(name, "", unusable[name], is_error=True) for name in others]
+    end_with(unusable)
     return exit_code(recordings)

@@ -1,5 +1,6 @@
 """JUnit XML of drives and scenarios, as a CI server reads it."""
 
+import json
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -88,10 +89,16 @@ def test_a_test_that_cannot_be_tried_is_an_error_beside_the_others(
     gone, report = tmp_path / "gone.log", tmp_path / "r.xml"
     scenario, junit = str(SCENARIOS / "silent_ecu.toml"), ["--junit", str(report)]
     # WHEN they are to be judged THEN the file has the error under the name of what was tried
-    assert cli.main(["replay", str(ninety_seconds), str(gone), *junit]) == 2
+    logs = ["replay", str(gone), str(ninety_seconds), "--json", str(tmp_path / "found.json")]
+    assert cli.main([*logs, *junit]) == 2
     passed, (name, told) = outcomes(report).items()
     assert passed[0] == str(ninety_seconds)
     assert (name, told) == (str(gone), ("error", None, f"{gone}: No such file or directory"))
+    [judged] = json.loads((tmp_path / "found.json").read_text())["recordings"]
+    assert judged["path"] == str(ninety_seconds)
+    # and with a fault memory none is judged whose earlier driving cycle is missing
+    assert cli.main([*logs, *junit, "--memory", str(tmp_path / "memory")]) == 2
+    assert [*outcomes(report)] == [str(gone)]
     bus = ["-i", "socketcan", "-c", "nosuch0", "--to-channel", "nosuch1"]
     assert cli.main(["inject", *bus, "--scenario", scenario, "--assert", *junit]) == 2
     [(name, (tag, _, message))] = outcomes(report).items()

@@ -79,8 +79,18 @@ def test_a_step_that_fails_ends_the_diagnosis_with_its_name(tmp_path: Path, capf
     errors = capfd.readouterr().err.splitlines()
     assert errors[0] == "o2train: torch is not installed"
     assert errors[-1].startswith(f"o2mon: the step failed: o2train fit {LATE}")
-    assert main(["doctor", str(tmp_path / "none.csv"), "--out", out]) == 2
-    assert "none.csv: cannot read it" in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures("no_training")
+@pytest.mark.parametrize("command", ["doctor", "check"])
+def test_a_log_that_cannot_be_read_does_not_hide_what_the_others_say(
+    command: str, tmp_path: Path, capfd: Output
+) -> None:
+    out = ["--out", str(tmp_path / "out")] if command == "doctor" else []
+    assert main([command, str(tmp_path / "none.csv"), str(LATE), *out]) == 2
+    said, errors = capfd.readouterr()
+    assert "plausible" in said and ("FAULT: P015A delay_symmetric" in said) == bool(out)
+    assert "none.csv: " in errors.splitlines()[-1] and "No such file" in errors.splitlines()[-1]
 
 
 def test_a_log_and_a_bus_are_not_examined_together(capfd: Output) -> None:
