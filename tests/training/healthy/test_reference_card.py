@@ -267,6 +267,18 @@ def test_a_card_without_a_reference_says_nothing() -> None:
     assert known_of(card) == (None, [])
 
 
+def test_an_effect_goes_with_the_constants_that_it_was_fitted_beside(
+    chain: Path, tmp_path: Path
+) -> None:
+    # GIVEN a chain of which nothing holds the constants
+    card, bare = Model.load(chain).card, tmp_path / "bare.onnx"
+    update_card(chain, replace(card, reference={}), bare)
+    # WHEN an effect is added to it, THEN its constants move with the effect
+    added = asked(bare, recordings(2_311_000, **FILM), tmp_path).addition.path
+    assert added is not None
+    assert base.constants_of(Model.load(added).card) != base.constants_of(card)
+
+
 def test_too_few_recordings_teach_nothing_and_say_so(chain: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare.onnx"
     shutil.copy(chain, bare)

@@ -19,6 +19,7 @@ from training.gap.name.knowledge import Knowledge
 from training.gap.name.verdict import Naming
 from training.greybox.effects.model_effect import Effects
 from training.greybox.fit.drive import ChainDrive
+from training.greybox.fit.joint import JointFit
 from training.greybox.graph.chain_graph import Greybox
 from training.greybox.graph.effect_inputs import Ranges
 from training.healthy import card
@@ -77,18 +78,18 @@ def add(
     except ModelError as error:
         return Addition(warnings=(f"what was found is not added: {error}",))
     left_out = list[Path]()
-    for group, effects in enumerate(() if material.verify else found.left_out):
+    for group, fitted in enumerate(() if material.verify else found.left_out):
         others = [r for r, own in zip(each, groups(len(each)), strict=True) if own != group]
         if len(others) < len(each):
             left_out.append(folder / f"{group}.onnx")
-            write(left_out[-1], effects, others)
+            write(left_out[-1], fitted, others)
     if known is not None and material.healthy and subject.is_greybox:
         card.store(new, known, material.healthy)  # with which its constants go
     return Addition(
         path=new,
         left_out=tuple(left_out),
         form=IN_CHAIN if subject.is_greybox else AT_OUTPUT,
-        effects=found.whole,
+        effects=found.whole.effects,
         withdrawn=withheld_effects(naming, options),
     )
 
@@ -112,19 +113,21 @@ def withheld_effects(naming: Naming, options: GapOptions) -> str | None:
 
 def _writer(
     subject: Subject, knowledge: Knowledge
-) -> Callable[[Path, Effects, Sequence[Recording]], None]:
+) -> Callable[[Path, JointFit, Sequence[Recording]], None]:
     """Return what writes the model with effects fitted to recordings, limits set on these."""
-    model, known, vehicle = subject.material.model, knowledge.known, None
+    model, known = subject.material.model, knowledge.known
     ranges = _ranges(subject.material.recordings, subject.drives)
-    if known is not None and subject.is_greybox:  # with the model's charge if the drives have it
-        charged, old = any(drive.charged for drive in subject.drives), Greybox.of(subject.card)
-        charge = old.charge if charged else known.charge
-        vehicle = replace(old, constants=known.base, own=known.own, charge=charge)
+    vehicle = Greybox.of(subject.card) if subject.is_greybox else None
+    if known is not None and vehicle is not None:  # with the model's charge if the drives have it
+        charged = any(drive.charged for drive in subject.drives)
+        charge = vehicle.charge if charged else known.charge
+        vehicle = replace(vehicle, own=known.own, charge=charge)
 
-    def write(out: Path, effects: Effects, recordings: Sequence[Recording]) -> None:
-        of = tuple(map(training_recording, recordings))
-        if subject.is_greybox:
-            greybox.add(model, effects, out, ranges=ranges, recordings=of, vehicle=vehicle)
+    def write(out: Path, found: JointFit, recordings: Sequence[Recording]) -> None:
+        effects, of = found.effects, tuple(map(training_recording, recordings))
+        if vehicle is not None:
+            chain = replace(vehicle, constants=found.base)
+            greybox.add(model, effects, out, ranges=ranges, recordings=of, vehicle=chain)
         else:
             network.add(model, effects, knowledge.plain, out, ranges=ranges, recordings=of)
         _set_limits(out, recordings)

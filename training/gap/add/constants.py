@@ -23,7 +23,6 @@ from monitor.base.types import FloatArray
 from training.gap.inputs.subject import Subject
 from training.gap.name.verdict import Naming
 from training.greybox.chain import Constants
-from training.greybox.effects.model_effect import Effects
 from training.greybox.fit.case import Case, plain_errors, predict
 from training.greybox.fit.drive import ChainDrive
 from training.greybox.fit.joint import JointFit, fit
@@ -38,10 +37,10 @@ GROUPS_MOST: Final = 4  # of drives, each left out in turn
 
 @dataclass(frozen=True, slots=True)
 class EffectConstants:
-    """The named effects with their constants."""
+    """The named effects with their constants, and those of the chain under them."""
 
-    whole: Effects  # from all drives
-    left_out: tuple[Effects, ...]  # per group of drives, from all others; empty of one drive
+    whole: JointFit  # to all drives
+    left_out: tuple[JointFit, ...]  # per group of drives, to all others; empty of one drive
     ratio: float  # RMSE of the left-out drives with them over that without, geometric mean
 
 
@@ -63,7 +62,7 @@ def constants_of(
     tried = [fit_and_leave_out(case, last, of) for case in cases]
     ratios = [left_out_ratio(judge, state.current, *each, of) for each in tried]
     whole, left = tried[int(np.argmin(ratios))]
-    return EffectConstants(whole.effects, tuple(each.effects for each in left), min(ratios))
+    return EffectConstants(whole, tuple(left), min(ratios))
 
 
 def fit_weighted(case: Case, found: JointFit) -> tuple[Case, JointFit]:
