@@ -92,7 +92,7 @@ _CELLS: Final = {  # of a line, as the patterns below name them
 }
 _ROW: Final = (
     r"\[?(?P<time>(?:\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d(?:\.\d+)?|\d{10}\.\d+|\d+(?:\.\d{4,})?)"
-    r"\]?:?[,; \t]+(?:[RT]X[:,; \t]+)?"
+    r"\]?:?[,; \t]+(?:[RT]X?[:,; \t]+)?"
     r"(?P<id>0x[0-9a-f]{1,7}|[0-9a-f]{3,7}|(?P<ext>(?:0x)?[0-9a-f]{8})):?[,; \t]+"
     r"(?:(?:\[(?P<length>\d+)\]|(?P<dlc>\d))[,; \t]+)?"
     r"(?P<data>[0-9a-f]{2}(?:[,; \t]?[0-9a-f]{2})*)(?:[,; \t]+[RT]|[ \t]+<.*)?[,;]*"
@@ -104,9 +104,13 @@ _RELATIVE: Final = re.compile(
 _DATE: Final = re.compile(
     r"^date +\w+ +(\w{3})\w* +(\d+) +([\d:.]+)( +[ap]m)? +(\d{4})", re.I | re.M
 )
+_ANEW: Final = re.compile(r"(?:date|base)\s", re.I)  # another log in one file
+_FIRST_LOG: Final = re.compile(r".*?^\s*\d+\.\d+\s.*?(?=^(?:date|base)\s|\Z)", _ANY | re.M | re.S)
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
 _COUNT_S: Final = (1 << 32) / 1e6  # after which a sketch's micros() begins anew
+_FRAMES_US: Final = (50.0, 250.0)  # least step of two frames, and of two with one identifier
+_FROM_WHEN: Final = re.compile("abs(?:olute)?|rel(?:ative)?", re.I)  # in brackets, where a unit may
 _CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and not every 3000 µs
 _TIME: Final = re.compile(r"\s*(\d+\.\d+)\s")  # of any line of an .asc
 
@@ -329,8 +333,9 @@ _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _OF: Final = r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
-        r"(?:abs|start|rx|(?!delta|rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|"
-        "seconds|系统时间|时间标识|时间",
+        r"(?!.*(?:delta|cycle|diff|interval|period|since|zyklus))"
+        r"(?:(?:abs|start|rx|(?!rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|seconds|"
+        "系统时间|时间标识|时间)",
         r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*+)',
     ),
     (
@@ -405,9 +410,11 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         return _peak(text, encoding)
     if layout is not None:
         start_s = _start_s(text) if layout is ASC else 0.0
+        if layout is ASC and (first := _FIRST_LOG.match(text)):
+            text = first[0]
         layout = _asc(text) if layout is ASC else layout
         rows = list(filter(None, map(layout.match, text.splitlines())))
-        if rows and ":" in rows[0]["time"]:
+        if rows and ":" in rows[0]["time"] and layout.tool != TABLE.tool:
             layout = replace(layout, time_s=ColumnClock())
         says_decimal = re.search(r"\*\*\*DEC\*\*\*|^base\s+dec|data field: DEC", text, _ANY | re.M)
         base = 10 if says_decimal or _is_decimal(layout, rows) else 16
@@ -469,6 +476,16 @@ def _peak(text: str, encoding: str) -> LayoutFound:
     return LayoutFound(layout, encoding, start_s=start_s)
 
 
+def _begun_anew(line: str, found: LayoutFound) -> LayoutFound:
+    """Return what a line of Vector's header changes."""
+    if start_s := _start_s(line):
+        return found._replace(start_s=start_s)
+    if line.lower().startswith("base"):
+        base = 10 if re.match(r"base\s+dec", line, _ANY) else 16
+        return found._replace(base=base, deltas=bool(_RELATIVE.search(line)))
+    return found
+
+
 def _start_s(text: str) -> float:
     """Return the time of the date in Vector's header, English or German, since 1970; 0 for none."""
     date = _DATE.search(text)
@@ -490,14 +507,43 @@ def _table(text: str) -> TextLayout | None:
                 if pattern and (rows := [*filter(None, map(pattern.fullmatch, below))]):
                     ids = {row["id"] for row in rows}
                     time, can_id = (_place(form, names) for form, _ in _TABLE_COLUMNS[:2])
+                    layout = replace(TABLE, id_base=_id_base(told[can_id], ids))
+                    if joined := _joined(names, time, sep, below):
+                        return replace(layout, frames=joined[:1], time_s=joined[1])
                     times = _times(names[time], [row["time"] for row in rows], len(ids))
-                    base = _id_base(told[can_id], ids)
-                    return replace(TABLE, frames=(pattern,), id_base=base, **times)
+                    return replace(layout, frames=(pattern,), **times)
     return None
 
 
-def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
-    """Return the pattern of a row of frames; None if time, identifier or data lack."""
+def _joined(
+    names: Sequence[str], time: int, sep: str, lines: Sequence[str]
+) -> tuple[re.Pattern[str], Callable[[str], float]] | None:
+    """Return pattern and time of rows with whole seconds, or a clock, and a part of them behind.
+
+    None if the column behind the time's holds no parts of a second alone.
+    """
+    part = unit_of(names[time + 1], 1.0) if time + 1 < len(names) else None
+    pattern = _table_row(names, sep, has_part=True)
+    if not (pattern and part and part.quantity == "time" and part.factor < 1.0):
+        return None
+    clock_s = ColumnClock()
+
+    def time_s(text: str) -> float:
+        whole, _, rest = text.rpartition(sep)
+        return (clock_s(whole) if ":" in whole else float(whole)) + part_s(rest)
+
+    def part_s(text: str) -> float:
+        return int(text) * part.factor
+
+    parts = [row["time"].rpartition(sep)[2] for row in map(pattern.fullmatch, lines) if row]
+    return (pattern, time_s) if parts and max(map(part_s, parts)) < 1.0 else None
+
+
+def _table_row(names: Sequence[str], sep: str, *, has_part: bool = False) -> re.Pattern[str] | None:
+    """Return the pattern of a row of frames; None if time, identifier or data lack.
+
+    has_part : the column behind the time's holds a part of it
+    """
     cells = [_REST] * len(names)
     for form, cell in _TABLE_COLUMNS:
         place, taken = _place(form, names), re.findall(r"\?P<(\w+)>", "".join(cells))
@@ -505,6 +551,9 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
             known = "|".join(taken) or r"\Z"
             cells[place] = re.sub(rf"\?P<(?:{known})>", "?:", cell)
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
+    if has_part:
+        time = _place(_TABLE_COLUMNS[0][0], names)
+        cells[time : time + 2] = [r"(?P<time>(?:\d+-\d+-\d+[ T])?[\d:]+{sep} *+\d{1,9})"]
     numbers = [int(n[1]) for n in map(_BYTE.fullmatch, names) if n]
     if numbers != sorted(numbers):  # the last byte first
         return None
@@ -534,12 +583,18 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
 
     The unit of the column ``named`` tells it, else digits and identifiers.
     """
-    if any(mark in time for time in times for mark in ":Tt"):
+    is_clock = any(mark in time for time in times for mark in ":Tt")
+    values = list(map(ColumnClock() if is_clock else _seconds, times))
+    steps = [b - a for a, b in pairwise(values)]
+    if 3 * sum(step < 0.0 for step in steps) > 1 + sum(step > 0.0 for step in steps):
+        raise RecordingError(
+            f"its {named or 'time'} falls from row to row: rising times are wanted"
+        )
+    if is_clock:
         return {"time_s": ColumnClock()}
-    said = {"millis": "ms", "micros": "us"}.get(named, named.rpartition("_")[2])
-    stated = name_and_unit(named)[1]
+    said = named.rpartition("_")[2]
+    stated = _FROM_WHEN.sub("", name_and_unit(named)[1])
     unit = unit_of(stated or said, 1.0)
-    values = list(map(_seconds, times))
     step = (max(values) - min(values)) / max(1, len(values) - 1)
     if unit and unit.quantity == "time":
         step_s = unit.factor
@@ -550,6 +605,10 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
         step_s = 1.0 if step < 1.0 or is_fine else 1e-3
     elif stated:
         raise RecordingError(f"its column {named} counts in an unknown unit: call it time_us, …")
+    elif _FRAMES_US[1] <= step * n_ids < _CYCLE and min(filter(None, steps)) >= _FRAMES_US[0]:
+        raise RecordingError(
+            f"its {named or 'time'} may be in ms or µs: call it time_ms or time_us"
+        )
     else:
         step_s = 1e-6 if step * n_ids >= _CYCLE else 1e-3
     wraps_s = _COUNT_S if step_s == 1e-6 else _DAY_S
@@ -619,6 +678,8 @@ def frames_of_lines(
                     raise ValueError(line)
                 if found.deltas and (time := _TIME.match(line)):
                     before_s += float(time[1])
+                elif counters.frames and _ANEW.match(line):
+                    found, before_s, late_s = _begun_anew(line, found), 0.0, 0.0
                 continue
             else:
                 time_s = layout.time_s(match["time"]) + (before_s if found.deltas else 0.0)

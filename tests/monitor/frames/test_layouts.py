@@ -2,6 +2,7 @@
 
 import re
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -281,6 +282,61 @@ def test_few_frames_keep_their_unit(tmp_path: Path, column: str, form: str, step
     path.write_text(f"{column},ID,Data\n" + "".join(rows))
     steps = {b.t_ns - a.t_ns for a, b in pairwise(read_frames(path))}
     assert steps == {round(step_s * 1e9)}
+
+
+@pytest.mark.parametrize(
+    ("names", "form"),
+    [
+        ("Seconds,Microseconds", "1795847400,{0}000"),
+        ("Date Time,ms", "2026-11-28 06:30:00,{0}"),
+        ("Time,Milliseconds", "6:30:00,{0}"),
+        ("sec_time,nsecs", "1795847400,{0}000000"),
+        ("Time (abs),Time (rel)", "1795847400{0},{0}"),
+        ("Time (rel),x", "{0},1"),
+        ("Time (s),Time_ms", "0.{0},{0}"),
+    ],
+)
+def test_the_time_of_a_frame_may_stand_in_two_columns(
+    tmp_path: Path, names: str, form: str
+) -> None:
+    path = tmp_path / "two.csv"
+    rows = [f"{form.format(100 + 7 * i)},C2,{i:02X}\n" for i in range(40)]
+    path.write_text(f"{names},ID,Data\n" + "".join(rows))
+    steps = {round((b.t_ns - a.t_ns) / 1e3) for a, b in pairwise(read_frames(path))}
+    assert steps == {7000}
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "said"),
+    [
+        ("Time", range(40, 0, -1), "its time falls from row to row: rising times are wanted"),
+        ("Time", [10 + i % 3 for i in range(40)], "its time falls from row to row"),
+        ("Timestamp", range(0, 40_000, 1000), "its timestamp may be in ms or µs: call it time_ms"),
+        ("Cycle Time", range(40), "no CAN log|not read"),
+        ("Time Diff", range(40), "no CAN log|not read"),
+    ],
+)
+def test_times_that_may_be_others_are_refused(
+    tmp_path: Path, names: str, order: Sequence[int], said: str
+) -> None:
+    path = tmp_path / "odd.csv"
+    path.write_text(f"{names},ID,Data\n" + "".join(f"{each},C2,00\n" for each in order))
+    with pytest.raises(RecordingError, match=said):
+        list(read_frames(path))
+
+
+def test_two_logs_of_vector_in_one_file_keep_their_dates_and_bases(tmp_path: Path) -> None:
+    path, begun_s = tmp_path / "two.asc", 1795847400
+    log = "date Sat Nov 28 {} 2026\nbase {}\n 0.5 1 100 Rx d 1 11\n 0.25 1 100 Rx d 1 10\n"
+    forms = ("06:30:00", "hex timestamps absolute"), ("06:40:00", "dec timestamps relative")
+    path.write_text("".join(log.format(*each) for each in forms))
+    frames = [(round(f.t_ns / 1e9 - begun_s, 3), f.can_id, f.data[0]) for f in read_frames(path)]
+    assert frames == [
+        (0.5, 0x100, 0x11),
+        (0.25, 0x100, 0x10),
+        (600.5, 100, 11),
+        (600.75, 100, 10),
+    ]
 
 
 def test_milliseconds_since_1970_may_have_a_decimal_comma(tmp_path: Path) -> None:
