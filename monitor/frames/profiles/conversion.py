@@ -115,12 +115,12 @@ def is_of_quantity(name: str, source: Source, column: RawColumn, stoich_afr: flo
 def may_be_absolute(source: Source, column: RawColumn, cells: FloatArray) -> bool:
     """Return whether a column known as a gauge's may hold absolute pressures.
 
-    The pressure of an engine that runs falls below the air's, save in a pull; and a logger whose
-    unit is another than the profile's may write another quantity under the name.
+    A gauge's fall to the air's and below it, save in a pull; no engine reaches that of a vacuum.
     """
     units = [unit_of(text, 1.0) for text in (stated_unit(column, 1.0), *source.units)]
-    is_other = units[0] is not None and units[0] not in units[1:] and not units[0].offset
-    return bool(source.offset and is_other and np.nanmin(cells, initial=0.0) >= 0.0)
+    unit, (least_kpa, _) = next(filter(None, units), None), plausible_range("manifold_pressure_kpa")
+    lowest = float(np.nanmin(cells, initial=np.inf))
+    return bool(source.offset and unit and not unit.offset and lowest * unit.factor >= least_kpa)
 
 
 def scaled(cells: FloatArray, unit: Unit, target: Unit) -> FloatArray:

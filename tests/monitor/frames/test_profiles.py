@@ -477,13 +477,14 @@ def test_a_gauge_s_pressure_is_counted_from_the_air_once(
 
 @pytest.mark.parametrize(
     ("unit", "offset_kpa", "is_taken"),
-    [("kPa", 101.3, True), ("kPa", 0.0, False), ("bar", 0.0, False)],
+    [("kPa", 101.3, True), ("kPa", 0.0, False), ("bar", 0.0, False), ("PSI", 0.0, False)]
+    + [("PSI", 101.3, True), ("psi", 33.0, True)],  # of a pull from the air's pressure on
 )
-def test_a_boost_in_another_unit_is_a_gauge_s_only_if_it_falls_below_the_air(
+def test_a_boost_is_a_gauge_s_only_if_it_falls_to_the_air_s_pressure(
     tmp_path: Path, unit: str, offset_kpa: float, is_taken: bool
 ) -> None:
     # GIVEN a logger whose boost is a gauge pressure in psi, and a file that has it in kPa or bar
-    boost = (D["map_kpa"] - offset_kpa) / (100.0 if unit == "bar" else 1.0)
+    boost = (D["map_kpa"] - offset_kpa) / {"bar": 100.0, "kPa": 1.0}.get(unit, 6.894757)
     cells = {"Time (sec)": D["t_s"], "RPM (RPM)": D["rpm"], f"Boost ({unit})": boost}
     path = tmp_path / "drive.csv"
     # WHEN the shipped profile reads it, and the draft
