@@ -1,6 +1,6 @@
 """The channels of a log: an identifier means one thing on one bus, and another on the next."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 
 import numpy as np
@@ -15,10 +15,13 @@ class Channels:
 
     only : name of the channel to keep, as the log has it; "" keeps all
     mapped : keys of a block (``FrameBlock.key``) that the signal map reads
+    names : keys by the names of messages, for logs that have these in place of identifiers
     """
 
-    def __init__(self, only: str = "", mapped: Iterable[int] = ()) -> None:
-        self.only = only
+    def __init__(
+        self, only: str = "", mapped: Iterable[int] = (), names: Mapping[str, int] | None = None
+    ) -> None:
+        self.only, self.names = only, names or {}
         self._mapped = np.array(sorted(mapped), dtype=np.uint32)
         self._heard: dict[str, set[int]] = {}  # mapped keys by channel
 

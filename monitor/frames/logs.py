@@ -154,7 +154,7 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
 def _blocks(
     path: Path, kind: str, counters: LogCounters, channels: Channels
 ) -> Iterator[FrameBlock]:
-    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path, kind)
+    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path, kind, channels.names)
     is_plain = found.encoding in ("utf-8", "cp1252") and not found.deltas
     if found.layout and not (found.layout is CANDUMP and is_plain):
         with open_text(path, found.encoding, errors="replace") as text:

@@ -100,7 +100,7 @@ class Injector:
             self._writers = {k: w for k, w in self._writers.items() if own & w.signals.keys()}
         # messages that come under several identifiers of 29 bits: one of them, mask, key
         self._groups = [(k[0], mask_of(k[0]), k) for k, w in self._writers.items() if w.any_source]
-        answers = EngineAnswers(keys_of(c.message for c in bus_map.channels.values()))
+        answers = EngineAnswers(keys_of(c.message for c in bus_map.channels.values()).values())
         self._groups += [(*group, (ANSWER, False)) for group in answers.groups]
         self.counts, self._injections = InjectionCounts(), injections
         self._sensor = [

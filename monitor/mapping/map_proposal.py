@@ -71,7 +71,8 @@ def make_map(
     """
     proposals, guards = propose(candidates(database)), dict[str, dict[str, str]]()
     if log:
-        blocks = read_blocks(log, None, Channels(channel, keys_of(database.messages)))
+        names = keys_of(database.messages)
+        blocks = read_blocks(log, None, Channels(channel, names.values(), names))
         likeliest = {each.place for p in proposals.values() for each in p.ranked[:CONSIDERED]}
         recording = ShownSignals(blocks, likeliest, database)
         proposals = propose(candidates(database, recording.observed))

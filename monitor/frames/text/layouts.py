@@ -10,7 +10,7 @@ import re
 import tomllib
 from base64 import b64decode
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from importlib.resources import files
@@ -22,7 +22,14 @@ from typing import Any, Final, NamedTuple
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
-from monitor.frames.blocks import FD_LENGTHS, LATEST_S, MAX_BYTES, CutShortError, LogCounters
+from monitor.frames.blocks import (
+    EXTENDED,
+    FD_LENGTHS,
+    LATEST_S,
+    MAX_BYTES,
+    CutShortError,
+    LogCounters,
+)
 from monitor.frames.bounds import head_of
 from monitor.frames.tables.cells import ColumnClock, clock
 from monitor.frames.tables.dialect import encoding_of, name_and_unit
@@ -179,6 +186,9 @@ ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, erro
     r"\w+\s+Start of meas).*|(?!.*\s(?:Rx|Tx|TxRq)\s+[dr]\b)(?:[a-z]|//|\d+\.\d+\s+[a-z]).*)",
     ends_lines=True,
 )
+_NAMED: Final = _layout(
+    "", "", rf"@time @channel (?P<name>[a-z_]\w*) (?:Rx|Tx|TxRq) {_ASC_DATA}(?:\s.*)?"
+).frames
 PEAK: Final = _layout(  # its columns stand in the header, see ``_peak``
     "PEAK TRC",
     r"^;\$FILEVERSION=|^;.*PCAN|^ *\d+\) +\d",
@@ -385,11 +395,13 @@ class LayoutFound(NamedTuple):
     deltas: bool = False  # each time is counted from the line before
     start_s: float = 0.0  # of the log, since 1970
     fd_base: int = 16  # of identifiers and data of CAN FD
+    names: Mapping[str, int] = {}  # keys of frames by what stands in place of their identifiers
 
 
-def layout_of(path: Path, kind: str = "") -> LayoutFound:
+def layout_of(path: Path, kind: str = "", names: Mapping[str, int] | None = None) -> LayoutFound:
     """Return the layout of a text log by its first lines, else by its suffix ``kind``.
 
+    names : keys of frames by the names of their messages
     Raises RecordingError, without the file's name, for a tool whose logs are known, but not read,
     and OSError.
     """
@@ -412,7 +424,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         start_s = _start_s(text) if layout is ASC else 0.0
         if layout is ASC and (first := _FIRST_LOG.match(text)):
             text = first[0]
-        layout = _asc(text) if layout is ASC else layout
+        layout = _asc(text, names or {}) if layout is ASC else layout
         rows = list(filter(None, map(layout.match, text.splitlines())))
         if rows and ":" in rows[0]["time"] and layout.tool != TABLE.tool:
             layout = replace(layout, time_s=ColumnClock())
@@ -421,7 +433,7 @@ def layout_of(path: Path, kind: str = "") -> LayoutFound:
         fd = " ".join(row["data"] for row in rows if row.groupdict().get("fd"))
         fd_base = 16 if re.search("[a-f]", fd, re.I) else base  # CANoe's, beside decimal ones
         deltas = _are_deltas(layout, rows, text)
-        return LayoutFound(layout, encoding, base, deltas, start_s, fd_base)
+        return LayoutFound(layout, encoding, base, deltas, start_s, fd_base, names or {})
     return LayoutFound(encoding=encoding)
 
 
@@ -443,22 +455,24 @@ def _known(text: str) -> TextLayout | None:
     return replace(ROWS, **_times("", times, len({row["id"] for row in rows})))
 
 
-def _asc(text: str) -> TextLayout:
+def _asc(text: str, names: Mapping[str, int]) -> TextLayout:
     """Return Vector's layout; names in place of identifiers are tried first where a line has one.
 
-    Raises RecordingError for names without the identifiers at the ends of the lines.
+    Raises RecordingError for names alone, none of which is among ``names``.
     """
     lines, (named, *numbered) = text.splitlines(), ASC.frames
+    further = _NAMED if names else ()
     if any(map(named.fullmatch, lines)):
-        return ASC
+        return replace(ASC, frames=(*ASC.frames, *further))
     if any(each.fullmatch(line) for line in lines for each in numbered):
-        return replace(ASC, frames=(*numbered, named))
-    if re.search(r"^\s*\d+\.\d+\s+\d+\s+[a-z_]\w*\s+[RT]x\s+d\s", text, _ANY | re.M):
+        return replace(ASC, frames=(*numbered, named, *further))
+    said = [row["name"] for row in map(_NAMED[0].fullmatch, lines) if row]
+    if said and names.keys().isdisjoint(said):
         raise RecordingError(
-            "its frames have names in place of identifiers: not read, write it with numbers "
-            "(CANoe's numeric display, not the symbolic one)"
+            "its frames have names in place of identifiers, which no database that is given knows: "
+            "write it with numbers (CANoe's numeric display, not the symbolic one)"
         )
-    return ASC
+    return replace(ASC, frames=_NAMED) if said else ASC
 
 
 def _peak(text: str, encoding: str) -> LayoutFound:
@@ -722,12 +736,17 @@ def _frame(groups: dict[str, str | None], time_s: float, found: LayoutFound) -> 
         return None
     assert found.layout
     base = found.fd_base if groups.get("fd") else found.base
-    can_id = int(groups["id"] or "", 10 if groups.get("dec") else found.layout.id_base or base)
+    key = found.names.get(groups.get("name") or "")
+    if "name" in groups and key is None:  # a message that nobody asked for
+        return None
+    id_base = 10 if groups.get("dec") else found.layout.id_base or base
+    can_id = int(groups["id"] or "", id_base) if key is None else key & ~EXTENDED
     data = _data(groups, base)
     late_s = found.start_s + time_s
     if len(data) > MAX_BYTES or not abs(late_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
-    is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED) or can_id > _STANDARD
+    is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED or (key or 0) & EXTENDED)
+    is_extended |= can_id > _STANDARD
     t_us = round(found.start_s * 1e6) + round(time_s * 1e6)
     return Frame(t_us * 1000, can_id, is_extended, data)
 

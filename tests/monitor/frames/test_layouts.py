@@ -12,7 +12,7 @@ import pytest
 from monitor import cli
 from monitor.base.errors import RecordingError
 from monitor.decode.log_blocks import log_blocks
-from monitor.frames.blocks import LogCounters
+from monitor.frames.blocks import EXTENDED, LogCounters
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks, read_frames
 from monitor.frames.text.layouts import UNREAD, layout_of
@@ -114,8 +114,16 @@ def test_a_binary_format_is_called_by_its_name(tmp_path: Path) -> None:
 def test_a_log_of_names_instead_of_identifiers_says_so(tmp_path: Path) -> None:
     path = tmp_path / "symbolic.asc"
     path.write_text("base hex timestamps absolute\n" + " 0.1 1  EngineData  Rx  d 1 FF\n" * 9)
-    with pytest.raises(RecordingError, match="names in place of identifiers: not read, write"):
+    with pytest.raises(RecordingError, match="names in place of identifiers, which no database"):
         list(read_frames(path))
+    # AND with their numbers the frames of known messages are read, here and beside numbers
+    numbers = {"EngineData": 0x18FEF100 | EXTENDED}
+    path.write_text(path.read_text().replace("0.1", "0.2", 1) + " 0.3 1 Oil Rx d 1 00\n")
+    (block,) = read_blocks(path, channels=Channels(names=numbers))
+    assert set(block.key.tolist()) == {0x18FEF100 | EXTENDED}
+    path.write_text(path.read_text() + " 0.4 1 0C2 Rx d 1 00\n")
+    (block,) = read_blocks(path, channels=Channels(names=numbers))
+    assert block.key.tolist() == [0x18FEF100 | EXTENDED] * 9 + [0xC2]
 
 
 def test_names_in_place_of_identifiers_may_come_late(tmp_path: Path) -> None:

@@ -477,8 +477,10 @@ def test_a_gauge_s_pressure_is_counted_from_the_air_once(
 
 @pytest.mark.parametrize(
     ("unit", "offset_kpa", "is_taken"),
-    [("kPa", 101.3, True), ("kPa", 0.0, False), ("bar", 0.0, False), ("PSI", 0.0, False)]
-    + [("PSI", 101.3, True), ("psi", 33.0, True)],  # of a pull from the air's pressure on
+    [
+        *[("kPa", 101.3, True), ("kPa", 0.0, False), ("bar", 0.0, False), ("PSI", 0.0, False)],
+        *[("PSI", 101.3, True), ("psi", 33.0, True)],  # of a pull from the air's pressure on
+    ],
 )
 def test_a_boost_is_a_gauge_s_only_if_it_falls_to_the_air_s_pressure(
     tmp_path: Path, unit: str, offset_kpa: float, is_taken: bool
