@@ -5,6 +5,7 @@ import re
 from collections.abc import Container, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import islice
+from math import isnan, nan
 from pathlib import Path
 from typing import Final
 
@@ -216,15 +217,15 @@ def _value(
     odd : takes those of other units, loose : other texts
     """
     try:
-        value, to = parse(cell), loose
+        if not isnan(value := parse(cell)) or isinstance(parse, ColumnClock) or is_no_value(cell):
+            return value
+        to = loose
     except ValueError:
-        value, to = np.nan, odd
-    is_clock = isinstance(parse, ColumnClock)
-    if to is odd or (np.isnan(value) and not is_no_value(cell) and not is_clock):
-        to.append(to[0] if to else f"line {line}: column {name} is {cell.strip()[:40]!r}")
-        if parse is exact_number:
-            raise RecordingError(f"{path}: {to[-1]}, a number is wanted") from None
-    return value
+        to = odd
+    to.append(to[0] if to else f"line {line}: column {name} is {cell.strip()[:40]!r}")
+    if parse is exact_number:
+        raise RecordingError(f"{path}: {to[-1]}, a number is wanted")
+    return nan
 
 
 def _parser(dialect: Dialect, wanted: Wanted) -> Parse:
@@ -326,7 +327,7 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
             continue
         elif len(row) < width and row[0].strip().casefold().startswith(_MARKS):
             notes.count("markers")
-        elif not row[0][:1].isdigit() and _is_header(row, known):
+        elif not any(each[:1].isdigit() for each in row) and _is_header(row, known):
             pairs = zip(map(one_line, row), names, strict=False)
             new = [cell for cell, name in pairs if cell and not f"{name}#".startswith(f"{cell}#")]
             if new:

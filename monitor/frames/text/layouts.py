@@ -736,17 +736,17 @@ def _frame(groups: dict[str, str | None], time_s: float, found: LayoutFound) -> 
         return None
     assert found.layout
     base = found.fd_base if groups.get("fd") else found.base
-    key = found.names.get(groups.get("name") or "")
-    if "name" in groups and key is None:  # a message that nobody asked for
-        return None
-    id_base = 10 if groups.get("dec") else found.layout.id_base or base
-    can_id = int(groups["id"] or "", id_base) if key is None else key & ~EXTENDED
+    if name := groups.get("name"):
+        if (key := found.names.get(name)) is None:  # a message that nobody asked for
+            return None
+        can_id, is_extended = key & ~EXTENDED, key >= EXTENDED
+    else:
+        can_id = int(groups["id"] or "", 10 if groups.get("dec") else found.layout.id_base or base)
+        is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED) or can_id > _STANDARD
     data = _data(groups, base)
     late_s = found.start_s + time_s
     if len(data) > MAX_BYTES or not abs(late_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
-    is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED or (key or 0) & EXTENDED)
-    is_extended |= can_id > _STANDARD
     t_us = round(found.start_s * 1e6) + round(time_s * 1e6)
     return Frame(t_us * 1000, can_id, is_extended, data)
 
