@@ -51,11 +51,16 @@ def checked(model: Model, recording: Recording) -> tuple[FloatArray, FloatArray]
     """Return held inputs (n, n_inputs) and the measured output (n,), NaN where not good."""
     card = model.card
     check_period(recording, card)
+    check_signals(recording, card)
+    inputs = np.stack([hold(recording.column(name)) for name in card.input_names], axis=1)
+    return inputs, recording.column(card.output.name)
+
+
+def check_signals(recording: Recording, card: ModelCard) -> None:
+    """Raise RecordingError if a signal of the model is missing or never good."""
     for name in (*card.input_names, card.output.name):
         if not np.isfinite(recording.column(name)).any():
             raise RecordingError(f"{recording.path}: {name} is never good, the model needs it")
-    inputs = np.stack([hold(recording.column(name)) for name in card.input_names], axis=1)
-    return inputs, recording.column(card.output.name)
 
 
 def check_period(recording: Recording, card: ModelCard) -> None:

@@ -16,6 +16,7 @@ from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import MIN_SCORED_S, NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
+from training.recordings.prediction import check_signals
 from training.recordings.recording import Recording, check_each_once
 
 LIMITS: Final = CONFIG.inputs
@@ -30,7 +31,7 @@ def check_files(
     roles : "RECORDING", "--healthy", "--verify" → recordings
     A chain cannot do without them, a network can still be looked at.
     Raises UsageError if a recording stands twice, RecordingError if one is on another grid than the
-    model, or is a chain's or a healthy one that lacks a signal.
+    model, or lacks a signal of it, or, a chain's or a healthy one, of the chain.
     """
     every = [each for group in roles.values() for each in group]
     check_each_once(every)
@@ -52,6 +53,8 @@ def check_files(
             f"{', '.join(names)}: healthy, without a good value of {signal}, which the recordings "
             "to be looked at have; what the model misses when healthy is learned with it"
         )
+    for each in every:
+        check_signals(each, card)
     return missing
 
 

@@ -243,6 +243,10 @@ def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_ot
     assert suitability.lacking([recording(1, without=["engine_speed_rpm"])]) == {}
     neither = recording(1, without=["engine_speed_rpm", "maf_kg_h"])
     assert suitability.lacking([neither]) == {"engine_speed_rpm": ["drive_1.csv"]}
+    # AND what only the model reads is wanted before anything is fitted
+    roles = {"RECORDING": [recording(1, ["rail_pressure_mpa"])], "--healthy": [], "--verify": []}
+    with pytest.raises(RecordingError, match=r"drive_1\.csv: has no rail_pressure_mpa"):
+        suitability.check_files(roles, CARD, "model.onnx")
 
 
 def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
