@@ -70,7 +70,7 @@ def fit_greybox(
     greybox = Greybox(constants=Constants(), limits=from_fuel_cut(limits), period_s=period_s)
     signals = greybox.seen(dict(zip(data.names, u.T, strict=True)))
     drive = ChainDrive(
-        name="",
+        name=", ".join(str(recording.path) for recording in recordings),
         period_s=period_s,
         signals=signals,
         phi_measured=data.scaling.unscale_y(data.samples.y),

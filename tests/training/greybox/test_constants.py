@@ -49,7 +49,9 @@ def read_drive(
     """Return a drive of which all but the first 5 s are scored, or these samples."""
     if scored is None:
         scored = np.arange(len(phi)) >= 50
-    return ChainDrive(name="", period_s=PERIOD_S, signals=signals, phi_measured=phi, scored=scored)
+    return ChainDrive(
+        name="some", period_s=PERIOD_S, signals=signals, phi_measured=phi, scored=scored
+    )
 
 
 def fitted_synthetic(seed: int) -> Fitted:
@@ -92,7 +94,7 @@ def test_a_reading_on_every_second_sample_is_refused_with_what_is_wanted() -> No
     signals, phi = synthetic(3)
     scored = np.arange(len(phi)) % 2 == 0
     # WHEN the chain, whose noise has a memory of two samples, is fitted
-    with pytest.raises(RecordingError, match=r"^0 samples enabled .* on every sample of the grid"):
+    with pytest.raises(RecordingError, match=r"^some: 0 samples enabled .* sample of the grid"):
         fit_constants(read_drive(signals, phi, scored))
 
 

@@ -90,9 +90,10 @@ def fit_constants(
     at = np.flatnonzero(drive.kept)
     if len(at) < SAMPLES_LEAST:
         raise RecordingError(
-            f"{len(at)} samples enabled and clear of fuel cut, like the {NOISE_ORDER} before them, "
-            f"{SAMPLES_LEAST} are wanted to fit the grey-box chain: give longer recordings with "
-            "the engine warm and in closed loop, all signals on every sample of the grid"
+            f"{drive.name}: {len(at)} samples enabled and clear of fuel cut, like the "
+            f"{NOISE_ORDER} before them, {SAMPLES_LEAST} are wanted to fit the grey-box chain: "
+            "give longer recordings with the engine warm and in closed loop, all signals on every "
+            "sample of the grid"
         )
     past = at[:, None] - np.arange(1, NOISE_ORDER + 1)
     plain = Case((drive,), (np.zeros(len(drive)),), WHITE)

@@ -104,7 +104,7 @@ def joined(drives: Sequence[ChainDrive]) -> ChainDrive:
     """Return drives end to end as one of the plain chain, with that chain's signals alone."""
     names = (*NEEDED, "engine_speed_rpm")
     return ChainDrive(
-        name="",
+        name=", ".join(drive.name for drive in drives),
         period_s=drives[0].period_s,
         signals={n: np.concatenate([d.signals[n] for d in drives]) for n in names},
         phi_measured=np.concatenate([drive.phi_measured for drive in drives]),
