@@ -12,7 +12,13 @@ from monitor.decode.bus_map import BusChannel, BusMap
 from monitor.decode.checksum import payload_checksums
 from monitor.decode.parameter_groups import mask_of
 from monitor.decode.payloads import Bytes, Fields, Numbers
-from monitor.decode.raw_values import bit_position, last_byte, plausible_range, raw_limits
+from monitor.decode.raw_values import (
+    bit_position,
+    last_byte,
+    plausible_range,
+    raw_limits,
+    states_of,
+)
 from monitor.frames.blocks import EXTENDED
 
 Member = tuple[int, BusChannel]  # channel number, channel
@@ -120,6 +126,9 @@ class Group:
         whole = np.iinfo(np.int64)
         raw = [(max(low, whole.min), min(high, whole.max)) for low, high in self._raw]
         self._least, self._most = np.array(raw, dtype=np.int64).T[..., np.newaxis]
+        self._states = [
+            (i, own) for i, channel in enumerate(channels) if (own := states_of(channel))
+        ]
         limits = np.nan_to_num([plausible_range(channel) for channel in channels])
         self._low, self._high = limits.T[..., np.newaxis]
 
@@ -132,6 +141,8 @@ class Group:
         """
         raw, odd = self._fields.read(data)
         values, missing = raw.astype(np.float64), (raw < self._least) | (raw > self._most)
+        for i, states in self._states:
+            missing[i] |= np.isin(raw[i], states)
         for i, own in odd.items():
             low, high = self._raw[i]
             values[i], missing[i] = own, (own < low) | (own > high)

@@ -1,6 +1,7 @@
 """Raw values of a DBC signal: their place, their meaning, their plausible range."""
 
 import math
+import re
 from typing import Final
 
 from cantools.database.can import Message, Signal
@@ -9,6 +10,11 @@ from monitor.base import signals
 from monitor.decode.bus_map import BusChannel
 
 _STATES_FROM: Final = 2  # bits
+_QUANTITY_FROM: Final = 6
+_INVALID: Final = re.compile(
+    "^(?:sna|na|init)$|invalid|unavailable|notavail|notvalid|notready|nosignal|error|(?<!de)fault|"
+    "failure|defe[ck]t|fehler|ung(?:ü|ue)ltig|nichtverf|reserv|undefin"
+)
 _J1939_STATES: Final = {2: 2, 4: 2, 8: 5}  # of so many bits, the highest
 
 
@@ -42,6 +48,15 @@ def raw_limits(channel: BusChannel) -> tuple[float, float]:
     if low > high:  # all are named: states alone
         low, high = least, least + (1 << signal.length) - 1
     return low + (low == missing), high - (high == missing)
+
+
+def states_of(channel: BusChannel) -> list[int]:
+    """Return the raw values of a quantity that the database calls invalid, wherever they are."""
+    if channel.signal.length < _QUANTITY_FROM:
+        return []
+    named = dict(channel.signal.choices or {}).items()
+    bare = ((int(value), re.sub(r"[\W_]", "", str(name)).casefold()) for value, name in named)
+    return [value for value, name in bare if _INVALID.search(name)]
 
 
 def plausible_range(channel: BusChannel) -> tuple[float, float]:

@@ -401,10 +401,11 @@ def test_signals_of_more_than_64_bits_are_decoded(tmp_path: Path) -> None:
         ),
         ("0|2@1+ (1,0)", '0 "off" 1 "on" 3 "SNA"', [0, 1, 2, 3], [True, True, True, False]),
         ("0|2@1+ (1,0)", '0 "a" 1 "b" 2 "c" 3 "d"', [0, 3], [True, True]),  # states alone
-        ("0|8@1+ (1,0)", '0 "stands"', [0, 255], [True, True]),
+        ("0|8@1+ (1,0)", '0 "stands" 9 "default"', [0, 9, 255], [True, True, True]),
+        ("0|8@1+ (1,0)", '0 "Signal_invalid" 99 "Error"', [0, 1, 99], [False, True, False]),
     ],
 )
-def test_what_a_database_names_at_the_end_of_a_range_is_no_value(
+def test_what_a_database_names_at_the_end_of_a_range_or_invalid_is_no_value(
     tmp_path: Path, signal: str, choices: str, raw: list[int], is_value: list[bool]
 ) -> None:
     text = f' SG_ X0 : {signal} [0|0] "" A\n\nVAL_ 100 X0 {choices} ;'
