@@ -406,6 +406,9 @@ def layout_of(path: Path, kind: str = "", names: Mapping[str, int] | None = None
     and OSError.
     """
     head = head_of(path, _HEAD_BYTES)
+    for begin, told in UNREAD["content"].items():
+        if head.startswith(begin.encode("latin1")):
+            raise RecordingError(f"its content is {told}")
     encoding = encoding_of(head)
     text = head.decode(encoding, errors="replace").replace("\r\n", "\n").lstrip("\ufeff")
     is_candump = CANDUMP.begins.match(text)

@@ -1,5 +1,6 @@
 """Logs that other tools write as text are read, or called by their name."""
 
+import gzip
 import re
 import time
 from collections.abc import Sequence
@@ -103,6 +104,25 @@ def test_a_known_format_that_is_not_read_is_called_by_its_name(
     path.write_text(text)
     assert cli.main(["check", str(path)]) == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (gzip.compress(b"Time,RPM"), "its content is packed with gzip: its name must end in .gz"),
+        (b"PK\3\4" + bytes(99), "its content is an archive or a workbook: unpack it"),
+        (b"LOGG" + bytes(99), "its content is that of .blf, and its name must end so"),
+        (b"MDF     4.10" + bytes(99), "its content is that of .mf4"),
+    ],
+)
+@pytest.mark.parametrize("name", ["drive.csv", "drive.log", "drive.asc"])
+def test_the_content_of_another_format_is_called_by_its_name(
+    tmp_path: Path, name: str, content: bytes, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert cli.main(["check", str(path)]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_a_binary_format_is_called_by_its_name(tmp_path: Path) -> None:
