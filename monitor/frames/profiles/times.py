@@ -14,6 +14,10 @@ from monitor.frames.tables.raw_table import DAY_S, HOUR_S, Notes
 
 JITTER_S: Final = 1.0  # a row that much older is out of order; a larger step back begins a new log
 ANEW_S: Final = 10.0  # pause that parts a log from the next one in the same file
+BEGIN_ANEW: Final = {  # after which clocks and counters begin anew, and how near a step is to it
+    **dict.fromkeys((256.0, 65.536, 2**32 / 1e6), JITTER_S),  # s, ms, µs of 8, 16, 32 bits
+    **dict.fromkeys((HOUR_S, DAY_S), ANEW_S),  # summer time ends, midnight
+}
 HELD_S: Final = 0.5  # for which a value is held over blank cells, or three of its own intervals
 READING_HELD_S: Final = 5.0  # at most, of the sensor's reading: one that stands for 10 s is stuck
 TICKS: Final = (1e17, 1e18)  # of 100 ns, since 1601 or the year 1
@@ -39,8 +43,8 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     notes.count("rows_without_time", int((~keep).sum()))
     t_s = t_s[keep].copy()
     steps, wraps = np.diff(t_s, prepend=t_s[:1]), np.zeros(len(t_s))
-    for whole_s in (HOUR_S, DAY_S):  # summer time ends, midnight
-        wraps[np.abs(steps + whole_s) < ANEW_S] = whole_s
+    for whole_s, within_s in BEGIN_ANEW.items():
+        wraps[np.abs(steps + whole_s) < within_s] = whole_s
     if wraps_s:
         wraps[steps < -0.5 * wraps_s] = wraps_s
     notes.count("clock_wraps", int(np.count_nonzero(wraps)))

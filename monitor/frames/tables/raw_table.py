@@ -57,7 +57,7 @@ COUNTED: Final = {
     "rows_out_of_order": ("row", "older than one before left out"),
     "repeated_times": ("row", "with the time of the next one left out"),
     "held_cells": ("blank cell", "filled with the value before it"),
-    "clock_wraps": ("time", "the clock started again (midnight or a full hour)"),
+    "clock_wraps": ("time", "the clock started again (midnight, a full hour or a full counter)"),
     "logs_begun_anew": ("time", "the log begins anew, taken as a pause of 10 s"),
 }
 

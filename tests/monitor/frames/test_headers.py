@@ -452,6 +452,8 @@ def test_rows_of_whole_seconds_are_spread_over_them(proposed: Proposed) -> None:
         ("Time (x0.1s)", str),
         ("Time (1/100 s)", lambda i: f"{10 * i}"),
         ("micros", lambda i: f"{2000000000 + 100000 * i}"),
+        ("Time (ms)", lambda i: f"{(64000 + 100 * i) % 65536}"),  # of 16 bits
+        ("Time_us", lambda i: f"{(4294000000 + 100000 * i) % 2**32}"),
         ("datenum", lambda i: f"{740050.5 + i / 864000:.9f}"),  # days since the year 0
         ("Time (days)", lambda i: f"{i / 864000:.9f}"),
         ("Temps (min)", lambda i: f"{i / 600:.6f}"),
