@@ -43,9 +43,7 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
     >>> unit_of("PSI", 14.7).quantity, unit_of("AFR", 14.7).quantity, unit_of("bits", 14.7)
     ('pressure', 'lambda', None)
     """
-    with suppress(UnicodeError):  # UTF-8 that was read as Windows text
-        text = text.encode("cp1252").decode("utf-8")
-    name = unicodedata.normalize("NFKC", text.replace("º", "°")).casefold()
+    name = unicodedata.normalize("NFKC", restored(text).replace("º", "°")).casefold()
     name = re.sub(r"unit_|[\s\[\](){}_]", "", name).rstrip(".")
     name = re.sub(r"^[a-z]+:(?=.)", "", name)  # "pressure:kPa" of ECU makers
     if name.removeprefix("estimated") in AFR:
@@ -62,6 +60,17 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
         return UNITS.get(name)
     unit, scale = UNITS[scaled[3]], float(scaled[2])
     return replace(unit, factor=unit.factor * (1.0 / scale if scaled[1] else scale))
+
+
+def restored(text: str) -> str:
+    """Return UTF-8 that was read as Windows text as it was meant, any other text as it is.
+
+    >>> restored("KÃ¼hlmittel [Â°C]"), restored("Kühlmittel")
+    ('Kühlmittel [°C]', 'Kühlmittel')
+    """
+    with suppress(UnicodeError):
+        return text.encode("cp1252").decode("utf-8")
+    return text
 
 
 def conversion(source: Unit, target: Unit) -> tuple[float, float]:

@@ -137,6 +137,8 @@ class ColumnClock:
         steps = [after[form] - before[form] for form in after if form in before]
         if steps:
             self._day_s += min(steps, key=abs)
+        elif self._day:  # one that cannot be read: the next
+            self._day_s += DAY_S
         else:
             self._day_s = next(iter(after.values()), 0.0)
         self._day = day

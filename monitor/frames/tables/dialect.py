@@ -19,7 +19,7 @@ from monitor.base.errors import RecordingError
 from monitor.frames.bounds import head_of
 from monitor.frames.tables.cells import THOUSANDS, clock, is_no_value, is_number, measure, wrap_s
 from monitor.frames.tables.raw_table import RawColumn
-from monitor.frames.units import unit_of
+from monitor.frames.units import restored, unit_of
 
 OWN_TIME: Final = "time_s"  # first column of the project's own tables
 HEAD_BYTES: Final = 1 << 18
@@ -295,7 +295,7 @@ def _column(
 
 def one_line(text: str) -> str:
     """Return a name without line ends and other characters that cannot be printed."""
-    return "".join(letter for letter in " ".join(text.split()) if letter.isprintable())
+    return "".join(letter for letter in " ".join(restored(text).split()) if letter.isprintable())
 
 
 def name_and_unit(text: str) -> tuple[str, str]:

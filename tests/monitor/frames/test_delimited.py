@@ -144,7 +144,15 @@ def test_clocks_with_and_without_hours_and_dates() -> None:
     assert np.isnan(clock("12 100000"))
 
 
-@pytest.mark.parametrize("days", [("12/11/2026", "13/11/2026"), ("11/12/2026", "12/12/2026")])
+@pytest.mark.parametrize(
+    "days",
+    [
+        ("12/11/2026", "13/11/2026"),
+        ("11/12/2026", "12/12/2026"),
+        ("31-ago-2026", "01-sep-2026"),  # a month that cannot be read
+        ("28 février 2026", "1 mars 2026"),
+    ],
+)
 def test_dates_with_the_day_first_go_on_over_midnight(
     tmp_path: Path, days: tuple[str, str]
 ) -> None:

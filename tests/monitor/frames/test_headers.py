@@ -599,6 +599,7 @@ def test_a_profile_names_the_columns_of_a_table_with_one_value_a_row(tmp_path: P
         ("MAP", 8.0, "manifold_pressure_kpa", None),  # psi or inHg?
         ("TPS", 0.2, "throttle_percent", 20.0),
         ("TPS raw", 20.0, "throttle_percent", None),
+        ("KÃ¼hlmitteltemperatur (Â°C)", 88.0, "coolant_temperature_degc", 88.0),
         ("Coolant Temp (C°)", 88.0, "coolant_temperature_degc", 88.0),
         ("MAP", 3000.0, "manifold_pressure_kpa", None),
         ("Lambda (-*1000)", 1000.0, "lambda_measured", None),

@@ -109,7 +109,10 @@ def test_a_known_format_that_is_not_read_is_called_by_its_name(
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (gzip.compress(b"Time,RPM", mtime=0), "its content is packed with gzip: its name must end in .gz"),
+        (
+            gzip.compress(b"Time,RPM", mtime=0),
+            "its content is packed with gzip: its name must end in .gz",
+        ),
         (b"PK\3\4" + bytes(99), "its content is an archive or a workbook: unpack it"),
         (b"LOGG" + bytes(99), "its content is that of .blf, and its name must end so"),
         (b"MDF     4.10" + bytes(99), "its content is that of .mf4"),
