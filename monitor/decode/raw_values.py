@@ -26,15 +26,13 @@ def not_available_raw(channel: BusChannel) -> int | None:
     return int(-(1 << (signal.length - 1)) if signal.is_signed else (1 << signal.length) - 1)
 
 
-def raw_limits(channel: BusChannel) -> tuple[float, float]:
-    """Return the least and the most raw value that is a value.
+def raw_limits(channel: BusChannel) -> tuple[int, int]:
+    """Return the least and the most raw value that is a value, of integers.
 
     Behind them stand states: that the value is not available, those that the database names there
     (``VAL_ … 254 "Error" 255 "SNA"``), and those of J1939 (J1939-71, table 1).
     """
     signal, missing = channel.signal, not_available_raw(channel)
-    if signal.is_float or signal.length < _STATES_FROM:
-        return -math.inf, math.inf
     least = -(1 << (signal.length - 1)) if signal.is_signed else 0
     low, high = least, least + (1 << signal.length) - 1
     if channel.message.protocol == "j1939" or channel.any_source:
@@ -45,7 +43,7 @@ def raw_limits(channel: BusChannel) -> tuple[float, float]:
         high -= 1
     while signal.is_signed and low in named:
         low += 1
-    if low > high:  # all are named: states alone
+    if signal.length < _STATES_FROM or low > high:  # all are named: states alone
         low, high = least, least + (1 << signal.length) - 1
     return low + (low == missing), high - (high == missing)
 

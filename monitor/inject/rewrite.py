@@ -13,7 +13,7 @@ from typing import Final
 from monitor.decode.bus_map import BusChannel
 from monitor.decode.checksum import payload_checksum
 from monitor.decode.plan import multiplexing
-from monitor.decode.raw_values import bit_position, last_byte, not_available_raw
+from monitor.decode.raw_values import bit_position, last_byte, not_available_raw, raw_limits
 from monitor.decode.signal_map import Integrity
 
 Key = tuple[int, bool]  # identifier, whether it has 29 bits
@@ -68,11 +68,7 @@ class SignalWriter:
             (PayloadField(channel, multiplexer.name), frozenset(values))
             for multiplexer, values in multiplexing(channel.message, channel.signal)
         ]
-        bits = self._field.bits
-        low, high = (
-            (-(1 << bits - 1), (1 << bits - 1) - 1) if signal.is_signed else (0, (1 << bits) - 1)
-        )
-        self._low, self._high = low + (low == self._missing), high - (high == self._missing)
+        self._low, self._high = raw_limits(channel)
 
     @property
     def can_be_missing(self) -> bool:
