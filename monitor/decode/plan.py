@@ -129,6 +129,7 @@ class Group:
         whole = np.iinfo(np.int64)
         raw = [(max(low, whole.min), min(high, whole.max)) for low, high in self._raw]
         self._least, self._most = np.array(raw, dtype=np.int64).T[..., np.newaxis]
+        self._has_least = any(channel.signal.is_signed for channel in channels)
         self._states = [
             (i, own) for i, channel in enumerate(channels) if (own := states_of(channel))
         ]
@@ -143,7 +144,9 @@ class Group:
         Returns, too, how many are not available and how many out of range.
         """
         raw, odd = self._fields.read(data)
-        values, missing = raw.astype(np.float64), (raw < self._least) | (raw > self._most)
+        values, missing = raw.astype(np.float64), raw > self._most
+        if self._has_least:
+            missing |= raw < self._least
         for i, states in self._states:
             missing[i] |= np.isin(raw[i], states)
         for i, own in odd.items():
