@@ -30,6 +30,7 @@ from training.greybox.fit.drive import AFTER_GAP_S, ChainDrive, Comparison, make
 from training.jobs import Progress
 from training.recordings.prediction import predicted_phi
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import readings
 from training.recordings.samples.rows import hold
 
 LIMITS: Final = CONFIG.error_alone
@@ -118,7 +119,7 @@ def _drive(recording: Recording, card: ModelCard) -> ChainDrive:
     output = card.output.name
     columns = {name: recording.column(name) for name in recording.names if name != output}
     present = {name: x for name, x in columns.items() if np.isfinite(x).any()}
-    reading = recording.column(output)
+    reading = readings(recording, output)
     others = {n: x for n, x in present.items() if n in card.input_names or not _same(x, reading)}
     if card.transform != "phi":
         return _plain_drive(recording, others, reading)

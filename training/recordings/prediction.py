@@ -13,6 +13,7 @@ from monitor.base.types import BoolArray, FloatArray
 from monitor.model.card import ModelCard
 from monitor.model.step import Model, from_model_units, to_model_units
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import readings
 from training.recordings.samples.rows import hold
 
 ROWS: Final = 32  # recordings that run side by side
@@ -78,13 +79,14 @@ def predict(
     """Return measured, free-run and one-step output (n,) and a mask of the scored rows (n,) bool.
 
     A stretch begins where all inputs and the output are valid and ends at an invalid input. The
-    measured output is clipped to the range of the model (lambda at most 16).
+    measured output is clipped to the range of the model (lambda at most 16). As in a training, a
+    reading at the end of the sensor's range outside fuel cut is none.
     Raises RecordingError if the sample periods of recording and model differ.
     """
     card = model.card
     check_period(recording, card)
     u = np.stack([recording.column(name) for name in card.input_names], axis=1)
-    y = recording.column(card.output.name)
+    y = readings(recording, card.output.name)
     measured = from_model_units(card.transform, to_model_units(card.transform, y))
     both = model.with_batch(2)  # row 0 runs freely, row 1 is forced at every sample
     free, one_step = np.full(len(y), np.nan), np.full(len(y), np.nan)

@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from monitor.base.errors import ModelError, RecordingError, UsageError
+from monitor.base.types import Quality
 from monitor.model.step import Model
 from tests.helpers.bus.chromium import plots_of
 from tests.helpers.drives.recordings import recording_of
@@ -143,8 +144,11 @@ def test_the_free_run_of_evaluate_is_that_of_the_model_alone(fitted: FitResult) 
 def test_a_gap_in_the_inputs_restarts_the_free_run(fitted: FitResult) -> None:
     drive = plant(9)
     drive.values[1000:1010, 0] = np.nan
+    # AND a reading at the end of the sensor's range is none, unless fuel is cut
+    drive.values[2000:2020, 3] = np.arange(20) % 2
+    drive.quality[2000:2020, 2] = Quality.PINNED
     figures = evaluate(fitted.path, [drive])["recordings"][0]
-    assert figures["samples"] == 2500 - 7 - 10 - 2 * 3
+    assert figures["samples"] == 2500 - 7 - 10 - 2 * 3 - 10
 
 
 def test_a_recording_that_does_not_fit_the_model_is_named(fitted: FitResult) -> None:

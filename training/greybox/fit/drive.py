@@ -26,6 +26,7 @@ from training.greybox.effects.air import following
 from training.greybox.effects.model_effect import Effects, along
 from training.pages.numbers import percent
 from training.recordings.recording import Recording
+from training.recordings.samples.preparation import readings
 from training.recordings.samples.rows import hold
 
 OUTPUT: Final = "lambda_measured"
@@ -133,7 +134,7 @@ def from_recording(
             raise RecordingError(
                 f"{recording.path}: has no good value of {name}, the gap workflow needs it"
             )
-    lambda_measured = recording.column(OUTPUT)
+    lambda_measured = readings(recording, OUTPUT)
     return make(recording.path.name, recording.period_ns / 1e9, present, lambda_measured)
 
 

@@ -243,6 +243,12 @@ def pinned_rows(recording: "Recording", output: str) -> np.ndarray:
     return np.asarray(pinned)
 
 
+def readings(recording: "Recording", output: str) -> FloatArray:
+    """Return the output (n,), NaN where ``pinned_rows`` tell that it is no measurement."""
+    column = recording.column(output)
+    return np.where(pinned_rows(recording, output), np.nan, column)
+
+
 def problems(
     recordings: Sequence["Recording"], inputs: Sequence[str], output: str
 ) -> Iterator[tuple[str, O2Error]]:
