@@ -69,7 +69,10 @@ def read_signals(
     for i, each in enumerate((*choices, *own)):
         if each.name in signals or (i < len(choices) and not _lives(each.name, cells[:, i])):
             continue
-        columns[each.name] = f"column {raw.names[each.column]}"
+        name = raw.names[each.column]
+        if f"{name}#2" in raw.names:
+            notes.sentences.append(f"of the columns {name} and {name}#2 the first is taken")
+        columns[each.name] = f"column {name}"
         signals[each.name] = cells[:, i]
         if i < len(choices):
             signals[each.name], pinned[each.name] = _signal(raw, profile, each, cells[:, i])

@@ -383,6 +383,11 @@ def test_a_unit_that_nobody_knows_is_one_in_a_row_of_units_too(
     assert any("Boost is left out: its unit zorks" in line for line in table.notes.lines)
 
 
+def test_a_name_that_stands_twice_is_told(proposed: Proposed) -> None:
+    table, _ = proposed("Time,RPM,AFR,AFR\n" + rows(lambda i: f"{i},{RPM[i]},{AFR[i]},14.7"))
+    assert table.notes.lines == ("of the columns AFR and AFR#2 the first is taken",)
+
+
 def test_a_column_that_is_not_taken_says_why(tmp_path: Path) -> None:
     path, out = tmp_path / "drive.csv", tmp_path / "drive.toml"
     path.write_text("Time,RPM,AFR (AFR)\n" + rows(lambda i: f"{i / 10},{RPM[i]},{AFR[i] / 1.5}"))
