@@ -764,7 +764,9 @@ def _data(groups: dict[str, str | None], base: int) -> bytes:
         raw = groups.get("data") or ""
         text = re.findall(r"[^\s;,:.-]+", raw)
         if len(text) == 1 and len(text[0]) > 3:  # without spaces
-            text = re.findall("..", text[0].lower().removeprefix("0x"))
+            text = re.findall("..?", text[0].lower().removeprefix("0x"))
+            if len(text[-1]) == 1:  # a table program took a leading zero away
+                raise ValueError("half a byte")
         if _CLASSIC < length < 16:  # a code of CAN FD, if the line has so many bytes
             n = FD_LENGTHS[length - _CLASSIC - 1]
             length = n if len(text) >= n or (code and groups.get("fd")) else length

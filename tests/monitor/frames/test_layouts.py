@@ -421,6 +421,7 @@ def test_a_table_of_frames_tells_their_kind_in_words(
     ("header", "row", "said"),
     [
         ("Time,ID,B1,B0", "0.1,C2,02,01", "frames as CSV: not read"),  # the last byte first
+        ("Time,ID,Data", "0.1,C2,102030405", "line 2 is '0.1,C2,102030405', a frame of"),
         ("Time (ticks),ID,Data", "100,C2,01", r"its column time \(ticks\) counts in an unknown"),
     ],
 )
