@@ -111,7 +111,7 @@ _RELATIVE: Final = re.compile(
 _DATE: Final = re.compile(
     r"^date +\w+ +(\w{3})\w* +(\d+) +([\d:.]+)( +[ap]m)? +(\d{4})", re.I | re.M
 )
-_ANEW: Final = re.compile(r"(?:date|base)\s", re.I)  # another log in one file
+_ANEW: Final = re.compile(r"(?:date|base)\s|;\$STARTTIME=", re.I)  # another log in one file
 _FIRST_LOG: Final = re.compile(r".*?^\s*\d+\.\d+\s.*?(?=^(?:date|base)\s|\Z)", _ANY | re.M | re.S)
 _COLOURS: Final = re.compile("\x1b\\[[0-9;]*m")  # of candump -c
 _HEADER_WITHIN: Final = 60  # lines of a table
@@ -480,21 +480,19 @@ def _asc(text: str, names: Mapping[str, int]) -> TextLayout:
 
 def _peak(text: str, encoding: str) -> LayoutFound:
     """Return PEAK's layout with the columns and the start that its header tells."""
-    version, columns, start = (
+    version, columns = (
         found[1] if (found := re.search(rf"^;\${name}=([\w.,]+)", text, _ANY | re.M)) else ""
-        for name in ("FILEVERSION", "COLUMNS", "STARTTIME")
+        for name in ("FILEVERSION", "COLUMNS")
     )
     letters = columns.replace(",", "") or _PEAK_COLUMNS.get(version, "NOILD")
     cells = [_PEAK_CELLS.get(each, r"\S+") for each in letters]
     pattern = r"\s*" + r"\s+".join(cells[:-1]) + r"(?:\s+" + cells[-1] + r")?\s*"
-    days = timedelta(days=float(start)) if start and version else None
-    start_s = (_PEAK_EPOCH + days).timestamp() if days else 0.0
     layout = replace(PEAK, frames=(re.compile(pattern, _ANY),))
-    return LayoutFound(layout, encoding, start_s=start_s)
+    return LayoutFound(layout, encoding, start_s=_start_s(text))
 
 
 def _begun_anew(line: str, found: LayoutFound) -> LayoutFound:
-    """Return what a line of Vector's header changes."""
+    """Return what a line of a header changes."""
     if start_s := _start_s(line):
         return found._replace(start_s=start_s)
     if line.lower().startswith("base"):
@@ -504,7 +502,9 @@ def _begun_anew(line: str, found: LayoutFound) -> LayoutFound:
 
 
 def _start_s(text: str) -> float:
-    """Return the time of the date in Vector's header, English or German, since 1970; 0 for none."""
+    """Return the time of PEAK's or Vector's header, English or German, since 1970; 0 for none."""
+    if days := re.search(r"^;\$STARTTIME=([\d.]+)", text, _ANY | re.M):
+        return (_PEAK_EPOCH + timedelta(days=float(days[1]))).timestamp()
     date = _DATE.search(text)
     start_s = clock("{1}-{0}-{4} {2}{3}".format(*date.groups(""))) if date else 0.0
     return start_s if start_s > _DAY_S else 0.0

@@ -370,6 +370,15 @@ def test_two_logs_of_vector_in_one_file_keep_their_dates_and_bases(tmp_path: Pat
     ]
 
 
+def test_two_logs_of_peak_in_one_file_keep_their_dates(tmp_path: Path) -> None:
+    path, day = (
+        tmp_path / "two.trc",
+        ";$FILEVERSION=1.1\n;$STARTTIME={}\n  1)  500.0  Rx 0100 1 11\n",
+    )
+    path.write_text(day.format(46354.25) + day.format(46354.5))
+    assert [f.t_ns / 1e9 for f in read_frames(path)] == [1795847400.5 - 1800, 1795847400.5 + 19800]
+
+
 def test_milliseconds_since_1970_may_have_a_decimal_comma(tmp_path: Path) -> None:
     path = tmp_path / "comma.csv"
     path.write_text("Zeit;ID;Daten\n1795857000000,5;0C2;01\n1795857000010,5;0C2;02\n")
