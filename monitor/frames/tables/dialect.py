@@ -45,7 +45,7 @@ _LETTERS: Final = {
 }
 ANNOTATIONS: Final = ("#group", "#datatype", "#default")  # first cells of InfluxDB's, no names
 _HEADER_ENDS: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.I)  # LabVIEW's
-_GROUPS: Final = re.compile(r"-?[1-9]\d{0,2}(?:(['’.\xa0\u202f])\d{3})+(?:[.,]\d+)?")  # 3.645
+_GROUPS: Final = re.compile(r"-?[1-9]\d{0,2}(?:(['’.\xa0\u202f ])\d{3})+(?:[.,]\d+)?")  # 3.645
 _IN_BRACKETS: Final = re.compile(r"(.*\S)\s*[(\[{]((?:[^()\[\]{}]|\(\w\))*)[)\]}]\s*")
 _IN_BARS: Final = re.compile(r'([^|]+)\|"?([^|"]*)"?(?:\|[\d.]+)+')  # RaceCapture's
 _BEHIND_COMMA: Final = re.compile(r"(.+?),\s*+([^,]+)")

@@ -116,6 +116,11 @@ TABLES = {
         .replace(";1.0", ";1,0"),
         {"engine_speed_rpm": "Motordrehzahl [1/min]"},
     ),
+    "blanks in thousands": (
+        "Temps (s);Régime moteur (tr/min);AFR\n"
+        + rows(lambda i: f"{i / 10};{RPM[i] // 1000} {RPM[i] % 1000:03d};{AFR[i]}"),
+        {"engine_speed_rpm": "Régime moteur (tr/min)", "lambda_measured": "AFR"},
+    ),
     "LabVIEW's headers, lines of tabs, and remarks that rows lack": (
         "Date\t2026/11/28\n***End_of_Header***\t\n\t\t\nDate\t2026/11/28\t2026/11/28\nX0\t0.0\t0.0\n"
         "***End_of_Header***\t\t\nX_Value\tEngine Speed\tLambda\tComment\n"
