@@ -25,26 +25,18 @@ def is_local(url: str) -> bool:
     return "://" not in url
 
 
-def is_pattern(url: str) -> bool:
-    """Return whether a path or URL is a pattern.
-
-    A web address is no pattern, because its ``?`` begins a query. A local path is no pattern if a
-    file or folder has exactly this name.
-    """
-    if url.startswith(_WEB) or not any(sign in url for sign in _MAGIC):
-        return False
-    return not (is_local(url) and Path(url).exists())
-
-
 def find(url: str) -> list[str]:
     """Return the recordings of a file, a folder (with all its subfolders) or a pattern.
 
+    A web address is no pattern, because its ``?`` begins a query. A local path is no pattern if a
+    file or folder has exactly this name.
     Raises UsageError if there is no recording or the place cannot be reached.
     """
     local = is_local(url)
     try:
+        is_there = url.startswith(_WEB) or (local and Path(url).exists())
         system, path = (fsspec.filesystem("file"), url) if local else fsspec.core.url_to_fs(url)
-        if is_pattern(url):
+        if not is_there and any(sign in url for sign in _MAGIC):
             found = [p for p in system.glob(path) if is_recording(p)]
         elif system.isdir(path):
             found = [p for p in system.find(path) if is_recording(p)]

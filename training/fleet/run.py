@@ -85,7 +85,9 @@ def run(
             for name in died.keys:
                 done(_store(folder, name, _apart(missing.pop(name), kit, scheduler)))
     for table, path in zip(TABLES, (out, windows_path(out)), strict=True):
-        _join(folder, table, chunks, path)
+        parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
+        with replaced(path) as begun:  # only a part of the chunks is in memory at a time
+            pl.scan_parquet(parts, glob=False).sink_parquet(begun, metadata=GENERATOR)
     written = out.stat().st_size + windows_path(out).stat().st_size
     return {**identity, **_cost(folder, chunks), "written_bytes": written}
 
@@ -135,13 +137,6 @@ def _store(folder: Path, name: str, result: Done) -> dict[str, Any]:
             getattr(result, table).write_parquet(begun)
     run_folder.write_json(folder / f"{name}.json", result.cost)
     return result.cost
-
-
-def _join(folder: Path, table: str, chunks: Sequence[Chunk], path: Path) -> None:
-    """Write one table from all chunks; only a part of them is in memory at a time."""
-    parts = [folder / f"{chunk.name}.{table}.parquet" for chunk in chunks]
-    with replaced(path) as begun:
-        pl.scan_parquet(parts, glob=False).sink_parquet(begun, metadata=GENERATOR)
 
 
 def _cost(folder: Path, chunks: Sequence[Chunk]) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def investigate(
     out.mkdir(parents=True, exist_ok=True)
     check((out / NEW_MODEL, out / OFFER), (material.model,))
     card = base.card_of(material.model)
-    missing = suitability.check_files(material.roles, card, material.model.name)
+    missing = suitability.check_files(material.roles, card)
     if missing or card.transform != "phi":
         result = run_comparison.investigate(
             material, card, missing, sensor_known_good=options.sensor_known_good, progress=progress

@@ -69,7 +69,7 @@ def check_period(recording: Recording, card: ModelCard) -> None:
     if recording.period_ns != card.period_ns:
         raise RecordingError(
             f"{recording.path}: sample period {recording.period_ns / 1e9:g} s, "
-            f"the model has {card.period_ns / 1e9:g} s"
+            f"the model has {card.period_ns / 1e9:g} s, to which recordings come without --period"
         )
 
 

@@ -16,16 +16,14 @@ from training.greybox.effects import LIBRARY
 from training.greybox.fit.drive import MIN_SCORED_S, NEEDED, ChainDrive
 from training.healthy import base
 from training.pages.numbers import percent
-from training.recordings.prediction import check_signals
+from training.recordings.prediction import check_period, check_signals
 from training.recordings.recording import Recording, check_each_once
 
 LIMITS: Final = CONFIG.inputs
 SPEED: Final = ("engine_speed_rpm", "maf_kg_h")  # both give the charge, with it either the other
 
 
-def check_files(
-    roles: Mapping[str, Sequence[Recording]], card: ModelCard, model: str
-) -> dict[str, list[str]]:
+def check_files(roles: Mapping[str, Sequence[Recording]], card: ModelCard) -> dict[str, list[str]]:
     """Return the signals that the chain needs and that are missing → recordings without them.
 
     roles : "RECORDING", "--healthy", "--verify" → recordings
@@ -35,7 +33,8 @@ def check_files(
     """
     every = [each for group in roles.values() for each in group]
     check_each_once(every)
-    check_period(every, card.period_ns, model)
+    for each in every:
+        check_period(each, card)
     if card.transform != "phi":  # no chain for other outputs than lambda
         return {}
     own_charge = base.own_charge(card)
@@ -56,16 +55,6 @@ def check_files(
     for each in every:
         check_signals(each, card)
     return missing
-
-
-def check_period(recordings: Sequence[Recording], period_ns: int, model: str) -> None:
-    """Raise RecordingError if a recording has another sample period than the model."""
-    for each in recordings:
-        if each.period_ns != period_ns:
-            raise RecordingError(
-                f"{each.path}: sample period {each.period_ns / 1e9:g} s, {model} has "
-                f"{period_ns / 1e9:g} s; without --period recordings are brought to the model's"
-            )
 
 
 def lacking(recordings: Sequence[Recording], own_charge: bool = False) -> dict[str, list[str]]:

@@ -160,7 +160,7 @@ def test_recordings_that_do_not_go_with_each_other_or_the_model_are_refused(
 ) -> None:
     assert "drive_1.csv: the same as " in refused(chain, drives[0], "--healthy", *drives)
     slow = refused(chain, drives[0], "--period", "0.2")
-    assert "drive_1.csv: sample period 0.2 s, chain.onnx has 0.1 s" in slow
+    assert "drive_1.csv: sample period 0.2 s, the model has 0.1 s" in slow
     without = table(tmp_path, 9, without=["fuel_mass_mg"])
     dry = refused(chain, drives[0], "--healthy", without)
     assert "drive_9.csv: healthy, without a good value of fuel_mass_mg" in dry
@@ -246,7 +246,7 @@ def test_air_per_stroke_may_come_from_air_meter_and_speed_and_speed_from_both_ot
     # AND what only the model reads is wanted before anything is fitted
     roles = {"RECORDING": [recording(1, ["rail_pressure_mpa"])], "--healthy": [], "--verify": []}
     with pytest.raises(RecordingError, match=r"drive_1\.csv: has no rail_pressure_mpa"):
-        suitability.check_files(roles, CARD, "model.onnx")
+        suitability.check_files(roles, CARD)
 
 
 def test_an_effect_whose_signal_healthy_recordings_lack_is_warned_of() -> None:
