@@ -69,7 +69,8 @@ def run(args: FleetCommand) -> int:
 
     settings = config.load(args.config)
     kit = WorkerKit.of(args.model, settings, args.pairs or None, args.columns, args.channel)
-    drives = drives_of(args.recordings, args.vehicle, fleet.written_paths(args.out))
+    written = (args.out, fleet.windows_path(args.out), fleet.work_folder(args.out))
+    drives = drives_of(args.recordings, args.vehicle, written)
     errors = faults = 0
     with tqdm(total=len(drives), unit="drive", disable=None) as bar:
 

@@ -32,11 +32,6 @@ def work_folder(out: Path) -> Path:
     return out.with_name(f"{out.name}.work")
 
 
-def written_paths(out: Path) -> tuple[Path, ...]:
-    """Return the files and folders of a run that must not count as recordings."""
-    return out, windows_path(out), work_folder(out)
-
-
 def windows_path(out: Path) -> Path:
     """Return the path of the table of windows beside the table of recordings ``out``."""
     return out.with_name(f"{out.stem}.windows{out.suffix}")

@@ -66,11 +66,6 @@ class Healthy:
         nothing = np.zeros(len(made[CONSTANT]))
         return np.column_stack([made.get(name, nothing) for name in self.names])
 
-    def spread_of(self, names: Sequence[str]) -> FloatArray:
-        """Return the spread of columns (k,) by name, 0 for a name that is not there."""
-        known = dict(zip(self.names, self.spread.tolist(), strict=True))
-        return np.array([known.get(name, 0.0) for name in names])
-
     def with_own(self, drive: ChainDrive) -> ChainDrive:
         """Return the drive with the healthy vehicle's effects as part of the base."""
         return replace(charged(drive, self.charge), own=self.own)

@@ -45,10 +45,11 @@ def learn(
         held_out.append((drives[k::groups], behaviour.learn(rest, start, known)))
     known = replace(known, doubt=known.doubt[:, :0])
     known = _with_offsets(known, [m for own, others in held_out for m in _offsets(own, others)])
-    states = []
+    states, spread = [], dict(zip(known.names, known.spread.tolist(), strict=True))
     for own, others in held_out:
         with suppress(RecordingError):  # of driving that the others do not know
-            alike = replace(others, spread=known.spread_of(others.names), doubt=others.doubt[:, :0])
+            own_spread = np.array([spread.get(name, 0.0) for name in others.names])
+            alike = replace(others, spread=own_spread, doubt=others.doubt[:, :0])
             states.append(base_state(own, alike, alike.base))
     left = [_left_out(state) for state in states]
     names = set[str]().union(*left)

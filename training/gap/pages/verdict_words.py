@@ -6,7 +6,6 @@ from training.gap.name.verdict import Candidate
 from training.gap.pages.cells import phi
 from training.gap.response.difference import COMMAND
 from training.gap.result import Result
-from training.gap.verify.evidence import Count, Detection
 from training.greybox.effects.empirical import formula
 from training.pages.numbers import percent, words
 
@@ -235,7 +234,12 @@ def cautions(result: Result) -> list[str]:
             f"On the healthy recordings the error rises from {phi(verified.healthy.before)} to "
             f"{phi(verified.healthy.after)}: the new model is one of the vehicle as it is now."
         )
-    found += [_lost(f, f.after) for f in verified.faults if f.lost and f.after]
+    found += [
+        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} drives with "
+        f"the old model, in {f.after.found} with the new one."
+        for f in verified.faults
+        if f.lost and f.after
+    ]
     for alarms, which in (
         (verified.alarms, "held-out drives without any fault"),
         (verified.healthy_alarms, "healthy recordings, which are of the vehicle as it was"),
@@ -246,14 +250,6 @@ def cautions(result: Result) -> list[str]:
                 f"{alarms.after.drives} {which} (with the old one in {alarms.before.found})."
             )
     return found
-
-
-def _lost(f: Detection, after: Count) -> str:
-    """Return the fault that is no longer found."""
-    return (
-        f"{f.fault} {f.severity:g} was found in {f.before.found} of {f.before.drives} drives with "
-        f"the old model, in {after.found} with the new one."
-    )
 
 
 def _and(parts: list[str], word: str = "and") -> str:

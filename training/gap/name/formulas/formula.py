@@ -134,7 +134,8 @@ def _judged(state: BaseState, terms: Sequence[Candidate]) -> list[Candidate]:
 def _best(plain: BaseState, used: Collection[str]) -> Candidate | None:
     """Return the best term, growing or not, of an unused signal; None if none gains enough."""
     ranking = rank(plain, _forms(plain, used))
-    ranking = (*ranking, *rank(plain, _placed(ranking)))
+    curves = [c for c in ranking if parts_of(c.name).form == "curve"][:CURVES_MOST]
+    ranking = (*ranking, *rank(plain, [_begun(c, form) for c in curves for form in PLACED]))
     by_signal = dict[str, list[Candidate]]()
     for each in ranking:
         by_signal.setdefault(parts_of(each.name).over.signal, []).append(each)
@@ -173,12 +174,6 @@ def _forms(state: BaseState, used: Collection[str], forms: Sequence[str] = FORMS
     best = [*left_by_signal(state, used)][:SIGNALS_MOST]
     moving = [scaled for signal in best if (scaled := spanned(state.case.drives, signal))]
     return [effect_of(name_of(over.signal, form, *over[1:])) for over in moving for form in forms]
-
-
-def _placed(ranking: Sequence[Candidate]) -> list[Effect]:
-    """Return the forms with a place, of the signals with the best curves."""
-    curves = [c for c in ranking if parts_of(c.name).form == "curve"]
-    return [_begun(c, form) for c in curves[:CURVES_MOST] for form in PLACED]
 
 
 def _begun(curve: Candidate, form: str) -> Effect:
