@@ -20,12 +20,11 @@ from monitor.cli.options import (
     ObdOptions,
     Seconds,
     SetupOptions,
+    Unusable,
     bus_address,
-    end_with,
     obd_poller,
     open_bus,
     say,
-    set_aside,
     set_up,
 )
 
@@ -66,11 +65,11 @@ def run(args: CheckOptions) -> int:
     """Say which signals are there, log by log; return the worst exit code."""
     if args.write_profile:
         return _write_profile(args.log, args.write_profile)
-    codes, unusable = list[int](), dict[str, str]()
+    codes, unusable = list[int](), Unusable()
     for log in args.log or (None,):
-        with set_aside(log or Path(), unusable):
+        with unusable.set_aside(log or Path()):
             codes.append(_check(args, log))
-    end_with(unusable)
+    unusable.end()
     return max(codes)
 
 

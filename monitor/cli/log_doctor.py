@@ -14,15 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from monitor.base.command_line.parameters import reading_words
 from monitor.base.errors import UsageError
-from monitor.cli.options import (
-    NOT_JUDGED,
-    JudgeOptions,
-    end_with,
-    say,
-    set_aside,
-    set_up,
-    write_outputs,
-)
+from monitor.cli.options import NOT_JUDGED, JudgeOptions, Unusable, say, set_up, write_outputs
 from monitor.grid.tables import kinds_of
 
 if TYPE_CHECKING:
@@ -54,9 +46,9 @@ def diagnosed(args: "DoctorOptions") -> int:
         words = [log, *of_model, *_reading(args, [log]), *settings]
         steps |= _step("o2mon", "check", *words, may_fail=True)
     setup = set_up(replace(args, model=model), args.columns)
-    judged, unusable = list["tuple[dict[str, Any], Trace]"](), dict[str, str]()
+    judged, unusable = list["tuple[dict[str, Any], Trace]"](), Unusable()
     for log in args.log:
-        with set_aside(log, unusable):
+        with unusable.set_aside(log):
             judged.append(replay(log, setup, trace=True))
     logs = args.healthy or args.log
     words = [*logs, "--out", args.out / "tables", *_reading(args, logs), *force]
@@ -66,7 +58,7 @@ def diagnosed(args: "DoctorOptions") -> int:
         say("\n".join(print_recording(recording)))
     if recordings:
         write_outputs(JudgeOptions(html=args.out / "report.html"), setup, recordings, traces, steps)
-    end_with(unusable)
+    unusable.end()
     return exit_code(recordings)
 
 

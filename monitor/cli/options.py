@@ -130,26 +130,28 @@ def warn(line: str) -> None:
         print(f"o2mon: warning: {line}", file=sys.stderr, flush=True)
 
 
-@contextmanager
-def set_aside(log: Path, unusable: dict[str, str]) -> Iterator[None]:
-    """Let the other logs go on without one that cannot be used; its error is kept."""
-    try:
-        yield
-    except (RecordingError, SignalMapError) as error:
-        unusable[str(log)] = str(error)
-    except OSError as error:
-        if str(error.filename) != str(log):
-            raise
-        unusable[str(log)] = f"{log}: {error.strerror}"
+class Unusable(dict[str, str]):
+    """The logs that cannot be used, with their errors: the others go on without them."""
 
+    @contextmanager
+    def set_aside(self, log: Path) -> Iterator[None]:
+        """Keep the error of a log that cannot be used."""
+        try:
+            yield
+        except (RecordingError, SignalMapError) as error:
+            self[str(log)] = str(error)
+        except OSError as error:
+            if str(error.filename) != str(log):
+                raise
+            self[str(log)] = f"{log}: {error.strerror}"
 
-def end_with(unusable: Mapping[str, str]) -> None:
-    """Say the errors of logs that were set aside; the last one, if any, is raised as UsageError."""
-    *others, last = unusable.values() or [""]
-    for line in others:
-        warn(line)
-    if last:
-        raise UsageError(last)
+    def end(self) -> None:
+        """Say the errors; the last one, if any, is raised as UsageError."""
+        *others, last = self.values() or [""]
+        for line in others:
+            warn(line)
+        if last:
+            raise UsageError(last)
 
 
 def obd_poller(

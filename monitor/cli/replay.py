@@ -9,16 +9,7 @@ from typing import Annotated
 from monitor.base.command_line import option_paths as paths
 from monitor.base.command_line.parameters import ColumnNames, LogChannel, Output, Quiet
 from monitor.base.files.junit import JunitCase, JunitRun, junit_file
-from monitor.cli.options import (
-    LOGS,
-    JudgeOptions,
-    end_with,
-    say,
-    set_aside,
-    set_up,
-    warn,
-    write_outputs,
-)
+from monitor.cli.options import LOGS, JudgeOptions, Unusable, say, set_up, warn, write_outputs
 from monitor.cli.sinks import SinkOptions, appended, open_sinks, spoken
 
 __all__ = ["EXAMPLES", "appended", "run"]
@@ -68,7 +59,7 @@ def _replay(args: ReplayOptions, tests: JunitRun) -> int:
     memory = Memory(args.memory, hold=True) if args.memory else None
     if memory and memory.condition.says:
         warn(memory.condition.says)
-    recordings, traces, unusable = [], [], dict[str, str]()
+    recordings, traces, unusable = [], [], Unusable()
     with (
         closing(memory) if memory else nullcontext(),
         closing(Written(open_sinks(args), args.sink_rate)) as sinks,
@@ -76,7 +67,7 @@ def _replay(args: ReplayOptions, tests: JunitRun) -> int:
         listeners = sinks.listener if args.sink else None
         for log in args.log:
             tests.name = str(log)
-            with set_aside(log, unusable):
+            with unusable.set_aside(log):
                 recording, trace = replay(
                     log, setup, memory, trace=bool(args.html), listeners=listeners
                 )
@@ -93,5 +84,5 @@ def _replay(args: ReplayOptions, tests: JunitRun) -> int:
         write_outputs(args, setup, recordings, traces, stream=spoken(args))
     *others, tests.name = unusable or [tests.name]
     tests.cases += [JunitCase(name, "", unusable[name], is_error=True) for name in others]
-    end_with(unusable)
+    unusable.end()
     return exit_code(recordings)
