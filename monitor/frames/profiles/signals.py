@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from monitor.base.counts import counted
 from monitor.base.errors import RecordingError
-from monitor.base.signals import BY_NAME, OUTPUT, SIGNALS
+from monitor.base.signals import BY_NAME, OUTPUT
 from monitor.base.types import BoolArray, FloatArray, IntArray
 from monitor.frames.profiles.conversion import (
     Choice,
@@ -58,9 +59,7 @@ def read_signals(
     ]
     for i in doubted[::-1]:
         name = raw.names[choices.pop(i).column]
-        notes.sentences.append(
-            f"column {name}: never below 0: a gauge pressure or an absolute one?"
-        )
+        notes.sentences.append(f"column {name}: a gauge pressure or an absolute one?")
     cells = np.delete(cells, doubted, axis=1)
     updates, told = np.count_nonzero(np.isfinite(cells), axis=0).tolist(), dict[str, int]()
     cells = held(cells, t_ns, [i for i, each in enumerate(choices) if each.name == OUTPUT])
@@ -80,8 +79,7 @@ def read_signals(
     blank = {each.name: raw.names[each.column] for each in choices if each.name not in signals}
     for made, values in [*derive(signals, profile.engine)]:
         signals[made.name], columns[made.name] = values, f"made of {made.in_words}"
-    order = [s.name for s in SIGNALS if s.name in signals]
-    order += [name for name in signals if name not in BY_NAME]
+    order = [name for name in dict.fromkeys((*BY_NAME, *signals)) if name in signals]
     if not order:
         why = f"blank, or 0 throughout: {', '.join(blank.values())}; none other"
         known = f"is known to {profile.name}"
@@ -176,12 +174,8 @@ def _parts(raw: RawTable, time: int) -> tuple[list[int], FloatArray]:
     named = [unit_of(column.name, 1.0) for column in raw.columns]
     sizes = [unit.factor if unit and unit.quantity == "time" else 0.0 for unit in named]
     sizes[time] = sizes[time] or float(raw.columns[time].kind == "clock")
-    first = last = time
-    while first and sizes[first - 1] > sizes[first] > 0.0:
-        first -= 1
-    while last + 1 < len(sizes) and sizes[last] > sizes[last + 1] > 0.0:
-        last += 1
-    places = list(range(first, last + 1))
+    runs = np.cumsum([not before > after > 0.0 for before, after in pairwise([0.0, *sizes])])
+    places = np.flatnonzero(runs == runs[time]).tolist()
     return places, np.array(sizes)[places] / (sizes[time] or 1.0)
 
 

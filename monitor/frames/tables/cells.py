@@ -34,9 +34,8 @@ _DATES: Final = ["%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d-%b-%Y", "%d
 _GERMAN: Final = {"mär": "mar", "mrz": "mar", "mai": "may", "okt": "oct", "dez": "dec"}
 THOUSANDS: Final = re.compile(r"-?\d{1,3}(?:,\d{3})+(?:\.\d*)?")  # 1,700
 
-_MEASURE: Final = re.compile(
-    r"\s*([-+]?\d[\d.,]*)\s*([^\d.,:;\s-](?:[^\d]*[^\d\s])?)\s*"
-)  # 14.7 AFR
+# 14.7 AFR
+_MEASURE: Final = re.compile(r"\s*([-+]?\d[\d.,]*)\s*([^\d.,:;\s-](?:\D*[^\d\s])?)\s*")
 
 Parse = Callable[[str], float]
 
@@ -135,10 +134,8 @@ class ColumnClock:
     def _turn(self, day: str) -> None:
         before, after = _readings(self._day), _readings(day)
         steps = [after[form] - before[form] for form in after if form in before]
-        if steps:
-            self._day_s += min(steps, key=abs)
-        elif self._day:  # one that cannot be read: the next
-            self._day_s += DAY_S
+        if self._day:
+            self._day_s += min(steps or [DAY_S], key=abs)  # one that cannot be read: the next
         else:
             self._day_s = next(iter(after.values()), 0.0)
         self._day = day
@@ -210,9 +207,8 @@ def of_words(words: tuple[str, ...]) -> Parse:
     folded = tuple(word.casefold() for word in words)
 
     def parse(text: str) -> float:
-        cell = text.strip().casefold()
-        if cell in NO_VALUE:
+        if is_no_value(text):
             return math.nan
-        return float(any(word in cell for word in folded))
+        return float(any(word in text.casefold() for word in folded))
 
     return parse

@@ -180,7 +180,7 @@ def _read(
     rows = _rows(path, dialect, max(places, default=0) + 1, notes)
     if (source := _source_of(dialect)) is not None:
         rows = _one_source(path, dialect, rows, source)
-    plain = not dialect.decimal_comma and all(p in (number, exact_number) for p in parsers)
+    plain = all(parse in (number, exact_number) for parse in parsers)
     steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
     odd: list[str] = []  # cells that are no number in the unit of their column
     loose: list[str] = []  # other texts
@@ -315,11 +315,9 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
         if skip:
             skip -= 1
             cells = zip(map(one_line, row), dialect.columns, strict=False)
-            changed = [each for cell, each in cells if begun and _is_other_unit(cell, each.unit)]
-            if changed:
-                notes.sentences.append(
-                    f"read up to a header with another unit of {changed[0].name}"
-                )
+            new = [each.name for cell, each in cells if begun and _is_other_unit(cell, each.unit)]
+            if new:
+                notes.sentences.append(f"read up to a header with another unit of {new[0]}")
                 return
         elif dialect.is_exact:
             yield row

@@ -379,6 +379,7 @@ _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups
     ),
     ("message", _ALL_BYTES),  # elsewhere a name
 )
+_WITH_PART: Final = (r"[,;\t]", r"(?P<time>(?:\d+-\d+-\d+[ T])?[\d:]+{sep} *+\d{1,9})")
 _BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 # what is known and not read: suffixes or how it begins, what it is, and the tool that converts it
 UNREAD: Final = tomllib.loads(
@@ -424,9 +425,8 @@ def layout_of(path: Path, kind: str = "", names: Mapping[str, int] | None = None
     if layout is PEAK:
         return _peak(text, encoding)
     if layout is not None:
-        start_s = _start_s(text) if layout is ASC else 0.0
-        if layout is ASC and (first := _FIRST_LOG.match(text)):
-            text = first[0]
+        start_s = _start_s(text)
+        text = (_FIRST_LOG.match(text) or [text])[0]
         layout = _asc(text, names or {}) if layout is ASC else layout
         rows = list(filter(None, map(layout.match, text.splitlines())))
         if rows and ":" in rows[0]["time"] and layout.tool != TABLE.tool:
@@ -455,7 +455,7 @@ def _known(text: str) -> TextLayout | None:
     steps = {int(b) - int(a) for a, b in pairwise(times)}
     if min(steps) < 0 or max(steps) <= 1:  # a channel, or a counter of rows
         return None
-    return replace(ROWS, **_times("", times, len({row["id"] for row in rows})))
+    return replace(ROWS, **_times("time", times, len({row["id"] for row in rows})))
 
 
 def _asc(text: str, names: Mapping[str, int]) -> TextLayout:
@@ -540,37 +540,28 @@ def _joined(
     None if the column behind the time's holds no parts of a second alone.
     """
     part = unit_of(names[time + 1], 1.0) if time + 1 < len(names) else None
-    pattern = _table_row(names, sep, has_part=True)
+    pattern = _table_row([*names[:time], sep, *names[time + 2 :]], sep)
     if not (pattern and part and part.quantity == "time" and part.factor < 1.0):
         return None
     clock_s = ColumnClock()
 
     def time_s(text: str) -> float:
         whole, _, rest = text.rpartition(sep)
-        return (clock_s(whole) if ":" in whole else float(whole)) + part_s(rest)
-
-    def part_s(text: str) -> float:
-        return int(text) * part.factor
+        return (clock_s(whole) if ":" in whole else float(whole)) + int(rest) * part.factor
 
     parts = [row["time"].rpartition(sep)[2] for row in map(pattern.fullmatch, lines) if row]
-    return (pattern, time_s) if parts and max(map(part_s, parts)) < 1.0 else None
+    return (pattern, time_s) if parts and max(map(int, parts)) * part.factor < 1.0 else None
 
 
-def _table_row(names: Sequence[str], sep: str, *, has_part: bool = False) -> re.Pattern[str] | None:
-    """Return the pattern of a row of frames; None if time, identifier or data lack.
-
-    has_part : the column behind the time's holds a part of it
-    """
+def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
+    """Return the pattern of a row of frames; None if time, identifier or data lack."""
     cells = [_REST] * len(names)
-    for form, cell in _TABLE_COLUMNS:
+    for form, cell in (_WITH_PART, *_TABLE_COLUMNS):
         place, taken = _place(form, names), re.findall(r"\?P<(\w+)>", "".join(cells))
         if place >= 0 and cells[place] == _REST and not ("<data>" in cell and "data" in taken):
             known = "|".join(taken) or r"\Z"
             cells[place] = re.sub(rf"\?P<(?:{known})>", "?:", cell)
     cells = cells[: next((i + 1 for i, cell in enumerate(cells) if "further" in cell), len(cells))]
-    if has_part:
-        time = _place(_TABLE_COLUMNS[0][0], names)
-        cells[time : time + 2] = [r"(?P<time>(?:\d+-\d+-\d+[ T])?[\d:]+{sep} *+\d{1,9})"]
     numbers = [int(n[1]) for n in map(_BYTE.fullmatch, names) if n]
     if numbers != sorted(numbers):  # the last byte first
         return None
@@ -604,9 +595,7 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
     values = list(map(ColumnClock() if is_clock else _seconds, times))
     steps = [b - a for a, b in pairwise(values)]
     if 3 * sum(step < 0.0 for step in steps) > 1 + sum(step > 0.0 for step in steps):
-        raise RecordingError(
-            f"its {named or 'time'} falls from row to row: rising times are wanted"
-        )
+        raise RecordingError(f"its {named} falls from row to row: rising times are wanted")
     if is_clock:
         return {"time_s": ColumnClock()}
     said = named.rpartition("_")[2]
@@ -623,9 +612,7 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
     elif stated:
         raise RecordingError(f"its column {named} counts in an unknown unit: call it time_us, …")
     elif _FRAMES_US[1] <= step * n_ids < _CYCLE and min(filter(None, steps)) >= _FRAMES_US[0]:
-        raise RecordingError(
-            f"its {named or 'time'} may be in ms or µs: call it time_ms or time_us"
-        )
+        raise RecordingError(f"its {named} may be in ms or µs: call it time_ms or time_us")
     else:
         step_s = 1e-6 if step * n_ids >= _CYCLE else 1e-3
     wraps_s = _COUNT_S if step_s == 1e-6 else _DAY_S
@@ -698,14 +685,13 @@ def frames_of_lines(
                 elif counters.frames and _ANEW.match(line):
                     found, before_s, late_s = _begun_anew(line, found), 0.0, 0.0
                 continue
-            else:
-                time_s = layout.time_s(match["time"]) + (before_s if found.deltas else 0.0)
-                if time_s + late_s < before_s - layout.wraps_s / 2:
-                    late_s += layout.wraps_s
-                before_s = time_s + late_s
-                groups = match.groupdict()
-                frame = _frame(groups, before_s, found)
-                channel = groups.get("channel") or ""
+            time_s = layout.time_s(match["time"]) + (before_s if found.deltas else 0.0)
+            if time_s + late_s < before_s - layout.wraps_s / 2:
+                late_s += layout.wraps_s
+            before_s = time_s + late_s
+            groups = match.groupdict()
+            frame = _frame(groups, before_s, found)
+            channel = groups.get("channel") or ""
         except (ValueError, IndexError):
             counters.leave_out(number, line, f"a frame of {layout.tool} is wanted")
             continue
@@ -731,11 +717,9 @@ def frame_of_line(line: str) -> Frame | None:
 
 def _frame(groups: dict[str, str | None], time_s: float, found: LayoutFound) -> Frame | None:
     """Return the frame of a line's groups, None for a remote or error frame."""
-    if groups.get("remote") or groups.get("error") or groups.get("rtr"):
-        return None
     flags = groups.get("flags") or ""
     bits = int(flags) if flags.isdecimal() else 0  # of Kvaser
-    if bits & _KVASER_NO_DATA:
+    if bits & _KVASER_NO_DATA or any(map(groups.get, ("remote", "error", "rtr"))):
         return None
     assert found.layout
     base = found.fd_base if groups.get("fd") else found.base
