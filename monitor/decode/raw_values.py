@@ -2,12 +2,14 @@
 
 import math
 import re
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from cantools.database.can import Message, Signal
 
 from monitor.base import signals
-from monitor.decode.bus_map import BusChannel
+
+if TYPE_CHECKING:
+    from monitor.decode.bus_map import BusChannel
 
 _STATES_FROM: Final = 2  # bits
 _QUANTITY_FROM: Final = 6
@@ -18,7 +20,7 @@ _INVALID: Final = re.compile(
 _J1939_STATES: Final = {2: 2, 4: 2, 8: 5}  # of so many bits, the highest
 
 
-def not_available_raw(channel: BusChannel) -> int | None:
+def not_available_raw(channel: "BusChannel") -> int | None:
     """Return the raw value that says not available, None if the signal has none."""
     signal = channel.signal
     if not channel.integrity.not_available or signal.length < 2 or signal.is_float:
@@ -26,7 +28,7 @@ def not_available_raw(channel: BusChannel) -> int | None:
     return int(-(1 << (signal.length - 1)) if signal.is_signed else (1 << signal.length) - 1)
 
 
-def raw_limits(channel: BusChannel) -> tuple[int, int]:
+def raw_limits(channel: "BusChannel") -> tuple[int, int]:
     """Return the least and the most raw value that is a value, of integers.
 
     Behind them stand states: that the value is not available, those that the database names there
@@ -48,7 +50,7 @@ def raw_limits(channel: BusChannel) -> tuple[int, int]:
     return low + (low == missing), high - (high == missing)
 
 
-def states_of(channel: BusChannel) -> list[int]:
+def states_of(channel: "BusChannel") -> list[int]:
     """Return the raw values of a quantity that the database calls invalid, wherever they are."""
     if channel.signal.length < _QUANTITY_FROM:
         return []
@@ -57,7 +59,7 @@ def states_of(channel: BusChannel) -> list[int]:
     return [value for value, name in bare if _INVALID.search(name)]
 
 
-def plausible_range(channel: BusChannel) -> tuple[float, float]:
+def plausible_range(channel: "BusChannel") -> tuple[float, float]:
     """Return the range of plausible values in the map's unit, widened by rounding errors.
 
     A canonical signal has the range of ``signals``, any other that of the DBC, if it has one.

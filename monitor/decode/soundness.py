@@ -15,6 +15,7 @@ from cantools.database.can import Database, Message, Signal
 
 from monitor.base.errors import SignalMapError
 from monitor.base.files.inputs import in_words
+from monitor.decode.raw_values import bit_position
 from monitor.frames.blocks import MAX_BYTES
 
 MOST_LETTERS: Final = 1000  # of a name; DBC allows 128
@@ -121,8 +122,7 @@ def _problems(message: Message, signal: Signal) -> Iterator[str]:
         yield f"has {signal.length} bits, 1 to {MOST_BITS} are wanted"
     if signal.is_float and signal.length not in _FLOATS:
         yield f"is a float of {signal.length} bits, 16, 32 or 64 are wanted"
-    first, last = _bits(signal)
-    if not 0 <= first <= last < 8 * message.length:
+    if not 0 <= bit_position(message, signal) <= 8 * message.length - signal.length:
         yield (
             f"starts at bit {signal.start} with {signal.length} bits, beyond the {message.length} "
             "bytes of its message"
@@ -137,11 +137,3 @@ def _problems(message: Message, signal: Signal) -> Iterator[str]:
         yield "has the factor 0, another number is wanted"
     if len(signal.multiplexer_ids or ()) > MOST_SWITCHES:
         yield f"comes under more than {MOST_SWITCHES:,} multiplexer values"
-
-
-def _bits(signal: Signal) -> tuple[int, int]:
-    """Return the first and the last bit, both counted in the order in which the signal runs."""
-    if signal.byte_order == "little_endian":
-        return signal.start, signal.start + signal.length - 1
-    first = 8 * (signal.start // 8) + 7 - signal.start % 8
-    return first, first + signal.length - 1
