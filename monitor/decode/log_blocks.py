@@ -56,7 +56,7 @@ def log_blocks(
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
     names = keys_of(channel.message for channel in bus_map.channels.values())
-    blocks = read_blocks(path, counters, Channels(bus_map.log_channel, names.values(), names))
+    blocks = read_blocks(path, counters, Channels(bus_map.log_channel, names))
     return map(EngineAnswers(names.values()).push, blocks)
 
 

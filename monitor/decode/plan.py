@@ -130,9 +130,7 @@ class Group:
         raw = [(max(low, whole.min), min(high, whole.max)) for low, high in self._raw]
         self._least, self._most = np.array(raw, dtype=np.int64).T[..., np.newaxis]
         self._has_least = any(channel.signal.is_signed for channel in channels)
-        self._states = [
-            (i, own) for i, channel in enumerate(channels) if (own := states_of(channel))
-        ]
+        self._states = [(i, own) for i, own in enumerate(map(states_of, channels)) if own]
         limits = np.nan_to_num([plausible_range(channel) for channel in channels])
         self._low, self._high = limits.T[..., np.newaxis]
 

@@ -1,6 +1,6 @@
 """The channels of a log: an identifier means one thing on one bus, and another on the next."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 
 import numpy as np
@@ -14,15 +14,13 @@ class Channels:
     """Keeps the frames of one channel, and refuses a log in which two buses are mixed.
 
     only : name of the channel to keep, as the log has it; "" keeps all
-    mapped : keys of a block (``FrameBlock.key``) that the signal map reads
-    names : keys by the names of messages, for logs that have these in place of identifiers
+    mapped : keys of a block (``FrameBlock.key``) that the signal map reads, by the messages' names,
+        which some logs have in place of identifiers
     """
 
-    def __init__(
-        self, only: str = "", mapped: Iterable[int] = (), names: Mapping[str, int] | None = None
-    ) -> None:
-        self.only, self.names = only, names or {}
-        self._mapped = np.array(sorted(mapped), dtype=np.uint32)
+    def __init__(self, only: str = "", mapped: Mapping[str, int] | None = None) -> None:
+        self.only, self.names = only, mapped or {}
+        self._mapped = np.array(sorted({*self.names.values()}), dtype=np.uint32)
         self._heard: dict[str, set[int]] = {}  # mapped keys by channel
 
     @property

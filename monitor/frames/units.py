@@ -51,9 +51,8 @@ def unit_of(text: str, stoich_afr: float) -> Unit | None:
     fuel = name.removeprefix("afr").strip("()[]-_:")
     if fuel in UNITS and UNITS[fuel].quantity == "fuel":
         return Unit("lambda", 1.0 / UNITS[fuel].factor)
-    if len(name) > 1 and name[-1] in "cf" and not name[:-1].isalnum() and not name[:-1].isascii():
-        name = f"°{name[-1]}"  # a degree sign that an encoding has spoilt
-    if name.startswith("deg") and name[-1:] in ("c", "f"):
+    is_spoilt = not (name[:-1].isalnum() or name[:-1].isascii())  # a degree sign, by an encoding
+    if name[-1:] in ("c", "f") and (is_spoilt or name.startswith("deg")):
         name = f"°{name[-1]}"
     scaled = _SCALED.fullmatch(name)
     if name in UNITS or not scaled or scaled[3] not in UNITS:

@@ -84,7 +84,7 @@ def _log_drive(
     names = needed_names(setup.model.card, (*setup.bus_map.names, *setup.bus_map.optional))
     found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, names))
     keys = keys_of(channel.message for channel in setup.bus_map.channels.values())
-    blocks = read_blocks(log, found, Channels(setup.bus_map.log_channel, keys.values(), keys))
+    blocks = read_blocks(log, found, Channels(setup.bus_map.log_channel, keys))
     is_polled = ANSWER in keys.values()
     blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)
     read = chain.from_iterable(map(frames_of, blocks))

@@ -71,8 +71,7 @@ def make_map(
     """
     proposals, guards = propose(candidates(database)), dict[str, dict[str, str]]()
     if log:
-        names = keys_of(database.messages)
-        blocks = read_blocks(log, None, Channels(channel, names.values(), names))
+        blocks = read_blocks(log, None, Channels(channel, keys_of(database.messages)))
         likeliest = {each.place for p in proposals.values() for each in p.ranked[:CONSIDERED]}
         recording = ShownSignals(blocks, likeliest, database)
         proposals = propose(candidates(database, recording.observed))

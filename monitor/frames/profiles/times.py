@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from monitor.base.types import BoolArray, FloatArray, IntArray
+from monitor.base.types import FloatArray, IntArray
 from monitor.frames.blocks import LATEST_S
 from monitor.frames.tables.raw_table import DAY_S, HOUR_S, Notes
 
@@ -30,8 +30,8 @@ EPOCH_S: Final = 1e9  # a time since 1970 from 2001 on
 LONGEST_IN_NS_S: Final = 1e6  # of times that a float holds to the nanosecond
 
 
-def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, BoolArray]:
-    """Return strictly rising times in ns, (k,), and which of the (n,) rows they are of.
+def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, IntArray]:
+    """Return strictly rising times in ns, (k,), and the numbers of the rows they are of, (k,).
 
     wraps_s : after which the clock starts again, 0 never
     Of rows with the same time the last one counts. Rows without a time (or one that 64 bits of
@@ -59,15 +59,11 @@ def cleaned(t_s: FloatArray, wraps_s: float, notes: Notes) -> tuple[IntArray, Bo
     notes.count("logs_begun_anew", int(anew.sum()))
     t_s += np.cumsum(np.where(anew, ANEW_S - steps, 0.0))
     t_ns = in_ns(t_s)
-    older = t_ns < np.maximum.accumulate(t_ns)
-    repeated = np.zeros(len(t_ns), dtype=bool)
-    ordered = np.flatnonzero(~older)
-    repeated[ordered[:-1]] = np.diff(t_ns[ordered]) == 0
-    notes.count("rows_out_of_order", int(older.sum() + lone.sum()))
-    notes.count("repeated_times", int(repeated.sum()))
-    good = ~older & ~repeated
-    keep[keep] = good
-    return t_ns[good], keep
+    ordered = np.flatnonzero(t_ns >= np.maximum.accumulate(t_ns))[::-1]
+    rising_ns, last = np.unique(t_ns[ordered], return_index=True)
+    notes.count("rows_out_of_order", len(t_ns) - len(ordered) + int(lone.sum()))
+    notes.count("repeated_times", len(ordered) - len(rising_ns))
+    return rising_ns, np.flatnonzero(keep)[ordered[last]]
 
 
 def in_ns(t_s: FloatArray) -> IntArray:

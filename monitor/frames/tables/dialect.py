@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import product, takewhile
 from math import isnan
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -194,12 +194,8 @@ def _header(
     below, filled = data - 1, [sum(bool(cell.strip()) for cell in row) for row in rows[:data]]
     while below >= 0 and filled[below] <= int(below >= data - _TITLES) < width:  # blank, or a title
         below -= 1
-    above = below
-    while (
-        above >= max(0, below - _HEADER + 1) and _is_wide(rows[above], width) and not is_data[above]
-    ):
-        above -= 1
-    return list(range(above + 1, below + 1))
+    upwards = range(below, max(-1, below - _HEADER), -1)
+    return sorted(takewhile(lambda i: _is_wide(rows[i], width) and not is_data[i], upwards))
 
 
 def _is_wide(row: Sequence[str], width: int) -> bool:

@@ -464,18 +464,15 @@ def _asc(text: str, names: Mapping[str, int]) -> TextLayout:
     Raises RecordingError for names alone, none of which is among ``names``.
     """
     lines, (named, *numbered) = text.splitlines(), ASC.frames
-    further = _NAMED if names else ()
-    if any(map(named.fullmatch, lines)):
-        return replace(ASC, frames=(*ASC.frames, *further))
-    if any(each.fullmatch(line) for line in lines for each in numbered):
-        return replace(ASC, frames=(*numbered, named, *further))
-    said = [row["name"] for row in map(_NAMED[0].fullmatch, lines) if row]
+    frames = ASC.frames if any(map(named.fullmatch, lines)) else (*numbered, named)
+    has_ids = any(each.fullmatch(line) for line in lines for each in frames)
+    said = [row["name"] for row in map(_NAMED[0].fullmatch, lines) if row and not has_ids]
     if said and names.keys().isdisjoint(said):
         raise RecordingError(
             "its frames have names in place of identifiers, which no database that is given knows: "
             "write it with numbers (CANoe's numeric display, not the symbolic one)"
         )
-    return replace(ASC, frames=_NAMED) if said else ASC
+    return replace(ASC, frames=_NAMED if said else (*frames, *(_NAMED if names else ())))
 
 
 def _peak(text: str, encoding: str) -> LayoutFound:
@@ -493,12 +490,10 @@ def _peak(text: str, encoding: str) -> LayoutFound:
 
 def _begun_anew(line: str, found: LayoutFound) -> LayoutFound:
     """Return what a line of a header changes."""
-    if start_s := _start_s(line):
-        return found._replace(start_s=start_s)
     if line.lower().startswith("base"):
         base = 10 if re.match(r"base\s+dec", line, _ANY) else 16
         return found._replace(base=base, deltas=bool(_RELATIVE.search(line)))
-    return found
+    return found._replace(start_s=_start_s(line) or found.start_s)
 
 
 def _start_s(text: str) -> float:
@@ -637,9 +632,8 @@ def _is_decimal(layout: TextLayout, rows: Sequence[re.Match[str]]) -> bool:
         return False
     is_hex = layout.id_base == 16
     data = [row["data"] or "" for row in rows]
-    letters = re.search(
-        "[a-fx]", " ".join([*data, *(row["id"] for row in rows if not is_hex)]), re.I
-    )
+    ids = [row["id"] for row in rows if not is_hex]
+    letters = re.search("[a-fx]", " ".join([*data, *ids]), re.I)
     lengths = {len(byte) for row in data for byte in re.split(r"[\s,;]+", row)}
     return not letters and (3 in lengths or (1 in lengths and not is_hex))
 
