@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 _STATES_FROM: Final = 2  # bits
 _QUANTITY_FROM: Final = 6
 _INVALID: Final = re.compile(
-    "^(?:sna|na|init)$|invalid|unavailable|notavail|notvalid|notready|nosignal|error|(?<!de)fault|"
-    "failure|defe[ck]t|fehler|ung(?:ü|ue)ltig|nichtverf|reserv|undefin"
+    "^(?:sna|na|init)$|invalid|unavailable|notavail|notvalid|notready|nosignal|"
+    "(?<!de|no)(?:error|fault|failure|defe[ck]t)|fehler|ung(?:ü|ue)ltig|nichtverf|reserv|undefin"
 )
 _J1939_STATES: Final = {2: 2, 4: 2, 8: 5}  # of so many bits, the highest
 
@@ -45,7 +45,7 @@ def raw_limits(channel: "BusChannel") -> tuple[int, int]:
         high -= 1
     while signal.is_signed and low in named:
         low += 1
-    if signal.length < _STATES_FROM or low > high:  # all are named: states alone
+    if signal.length < _STATES_FROM or low >= high:  # all, or all but one, are named: states alone
         low, high = least, least + (1 << signal.length) - 1
     return low + (low == missing), high - (high == missing)
 

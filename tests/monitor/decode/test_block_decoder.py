@@ -401,8 +401,10 @@ def test_signals_of_more_than_64_bits_are_decoded(tmp_path: Path) -> None:
         ),
         ("0|2@1+ (1,0)", '0 "off" 1 "on" 3 "SNA"', [0, 1, 2, 3], [True, True, True, False]),
         ("0|2@1+ (1,0)", '0 "a" 1 "b" 2 "c" 3 "d"', [0, 3], [True, True]),  # states alone
+        ("0|2@1+ (1,0)", '1 "on" 2 "error" 3 "SNA"', [0, 1], [True, True]),
         ("0|8@1+ (1,0)", '0 "stands" 9 "default"', [0, 9, 255], [True, True, True]),
         ("0|8@1+ (1,0)", '0 "Signal_invalid" 99 "Error"', [0, 1, 99], [False, True, False]),
+        ("0|8@1+ (1,0)", '0 "No error" 1 "No_fault" 2 "Fault"', [0, 1, 2], [True, True, False]),
     ],
 )
 def test_what_a_database_names_at_the_end_of_a_range_or_invalid_is_no_value(
