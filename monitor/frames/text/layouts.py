@@ -343,7 +343,7 @@ _YES: Final = r"true|t|1|x|ext\w*|扩展帧"
 _OF: Final = r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?"
 _TABLE_COLUMNS: Final = (  # the name of a column, and its cells with the groups of ``TextLayout``
     (
-        r"(?!.*(?:delta|cycle|diff|interval|period|since|zyklus))"
+        r"(?!.*(?:delta|cycle|diff|interval|period|since[ _](?:last|prev)|zyklus))"
         r"(?:(?:abs|start|rx|(?!rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|seconds|"
         "系统时间|时间标识|时间)",
         r'(?P<time>-?\d+(?:(?!{sep})[.,]\d*)?|[^{sep}"]*(?:\d:\d|\d\dT\d{6})[^{sep}"]*+)',
@@ -589,7 +589,8 @@ def _times(named: str, times: Sequence[str], n_ids: int) -> dict[str, Any]:
     is_clock = any(mark in time for time in times for mark in ":Tt")
     values = list(map(ColumnClock() if is_clock else _seconds, times))
     steps = [b - a for a, b in pairwise(values)]
-    if 3 * sum(step < 0.0 for step in steps) > 1 + sum(step > 0.0 for step in steps):
+    falls, rises = [-step for step in steps if step < 0.0], [s for s in steps if s > 0.0]
+    if 3 * len(falls) > 1 + len(rises) and 2.0 * sum(falls) > sum(rises):
         raise RecordingError(f"its {named} falls from row to row: rising times are wanted")
     if is_clock:
         return {"time_s": ColumnClock()}

@@ -325,6 +325,7 @@ def test_few_frames_keep_their_unit(tmp_path: Path, column: str, form: str, step
         ("Time (abs),Time (rel)", "1795847400{0},{0}"),
         ("Time (rel),x", "{0},1"),
         ("Time (s),Time_ms", "0.{0},{0}"),
+        ("Time since start (s),x", "0.{0},1"),
     ],
 )
 def test_the_time_of_a_frame_may_stand_in_two_columns(
@@ -354,6 +355,12 @@ def test_times_that_may_be_others_are_refused(
     path.write_text(f"{names},ID,Data\n" + "".join(f"{each},C2,00\n" for each in order))
     with pytest.raises(RecordingError, match=said):
         list(read_frames(path))
+
+
+def test_rows_of_two_channels_may_be_a_little_out_of_order(tmp_path: Path) -> None:
+    path = tmp_path / "two.csv"
+    path.write_text("Time (s),ID,Data\n" + "".join(f"{i - i % 2 * 1.5},C2,00\n" for i in range(40)))
+    assert len(list(read_frames(path))) == 40
 
 
 def test_two_logs_of_vector_in_one_file_keep_their_dates_and_bases(tmp_path: Path) -> None:
