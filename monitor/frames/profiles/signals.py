@@ -192,18 +192,26 @@ def _clocks(raw: RawTable, time: Choice) -> list[int]:
 
     Their names are the time's but for a number, or begin as it and stand before each other column.
     """
-    names, first = [*map(str.casefold, raw.names)], time.column
+    first = time.column
     alike, kin = (
         [i for i, each in enumerate(bare) if each == bare[first]]
         for form in (r"#?\d+", r"[\W\d_].*")
-        for bare in [[re.sub(form, "", name) for name in names]]
+        for bare in [[re.sub(form, "", name) for name in raw.names]]
     )
-    clocks = kin if kin == [*range(first, len(names), 2)] else alike
+    clocks = kin if kin == [*range(first, len(raw.names), 2)] else alike
     return clocks if len(clocks) > 1 and min(np.diff(clocks)) > 1 else []
 
 
 def _at(times: FloatArray, own: FloatArray, cells: FloatArray) -> FloatArray:
-    """Return the values of a column with its own clock at the first of other times behind each."""
+    """Return the values of a column with its own clock at the first of other times behind each.
+
+    A clock rises in most rows and falls no oftener than the others; behind another column, such as
+    t_oil, the values are those of their rows.
+    """
+    others, steps = (np.diff(each[np.isfinite(each)]) for each in (times, own))
+    is_odd = np.count_nonzero(steps < 0.0) > np.count_nonzero(others < 0.0)
+    if is_odd or 2 * np.count_nonzero(steps > 0.0) < len(steps):
+        return cells
     known = np.flatnonzero(np.isfinite(own) & np.isfinite(cells))
     order = known[np.argsort(own[known], kind="stable")]
     place = np.searchsorted(own[order], times, side="right") - 1

@@ -50,7 +50,7 @@ _STATES: Final = ("entity_id", "state", "unit_of_measurement")  # the same, of H
 # of a column that tells whose a row's values are
 _SOURCES: Final = re.compile(
     r"(?:vehicle|car|vin|device|host|source|ecu|module|imei|fahrzeug|steuergerät|gerät)"
-    r"(?:[ _]?(?:id|name|no|nr|number))?\.?",
+    r"(?:[ _]?(?P<numbered>id|name|no|nr|number))?\.?",
     re.I,
 )
 # of a last column, which rows may lack
@@ -110,22 +110,26 @@ def long_table(path: Path, dialect: Dialect, pivot: Pivot | None = None) -> RawT
 
 def _source_of(dialect: Dialect) -> int | None:
     """Return the column that tells of which vehicle or device a row's values are."""
-    named = (i for i, each in enumerate(dialect.columns) if _SOURCES.fullmatch(each.name))
-    return next(named, None)
+    for i, each in enumerate(dialect.columns):
+        named = _SOURCES.fullmatch(each.name)
+        if named and (each.kind == "text" or named["numbered"]):  # other numbers are a signal's
+            return i
+    return None
 
 
 def _one_source(
     path: Path, dialect: Dialect, rows: Iterator[tuple[int, list[str]]], source: int
 ) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows; raise RecordingError if two sources fill a column of numbers.
+    """Yield the rows; raise RecordingError if two sources change a column of numbers.
 
-    source : the column that tells it; one column that both fill may be the time
+    source : the column that tells it; one column that both change may be the time
     """
     numbers = [i for i, each in enumerate(dialect.columns) if each.kind in ("number", "measure")]
-    filled = dict[int, str]()
+    filled, last = dict[int, str](), list[str]()
     for line, row in rows:
-        own = row[source]
-        both = [i for i in numbers if own and row[i] and filled.setdefault(i, own) != own]
+        own, last, before = row[source], row, last or row
+        changed = [i for i in numbers if own and row[i] and row[i] != before[i]]
+        both = [i for i in changed if filled.setdefault(i, own) != own]
         if len(both) > 1 + (source in numbers):
             told = f"{dialect.columns[both[-1]].name} of {own!r}, before of {filled[both[-1]]!r}"
             raise RecordingError(f"{path}: line {line}: {told}: the rows of one are wanted")
@@ -338,9 +342,9 @@ def _data(reader: Iterable[list[str]], dialect: Dialect, notes: Notes) -> Iterat
 
 
 def _is_header(row: Sequence[str], known: Container[str]) -> bool:
-    """Return whether half of a row's cells are names of columns, or all of them begin as words."""
+    """Return whether half of a row's cells are names of columns, or all of them differing words."""
     cells = [cell for cell in map(one_line, row) if not is_no_value(cell)]
-    is_words = len(cells) == len(row) and all(cell[0].isalpha() for cell in cells)
+    is_words = len({*cells}) == len(row) and all(cell[0].isalpha() for cell in cells)
     return len(cells) > 1 and (is_words or 2 * sum(cell in known for cell in cells) >= len(cells))
 
 

@@ -151,7 +151,8 @@ def _layout(lines: Sequence[str], separator: str) -> _TextLayout | None:
     except csv.Error:
         return None
     comma = separator != "," or any('"' in line for line in lines)
-    cells = [measure(cell)[0].strip() for row in rows for cell in row] if comma else []
+    table = [row for row in rows if comma and len(row) > 1]
+    cells = [measure(cell)[0].strip() for row in table for cell in row]
     in_thousands = any(map(_POINT.fullmatch, cells)) and separator == ","
     comma = any(
         _COMMA.fullmatch(cell) and not (in_thousands and THOUSANDS.fullmatch(cell))

@@ -96,10 +96,13 @@ def test_a_header_with_other_columns_ends_the_table_and_is_told(
 
 
 def test_cells_that_are_no_number_are_told_and_a_minus_of_texts_is_one(tmp_path: Path) -> None:
-    path = table(tmp_path, "Time,RPM,Trim\n0,900,\u22122.5\n1,14. Jul,(2)\n2,-,#NV\n3,910,1\n")
+    path = table(
+        tmp_path,
+        "Time,RPM,Trim\n0,900,\u22122.5\n1,14. Jul,(2)\n2,-,#NV\nPause,Pause,Pause\n3,910,1\n",
+    )
     found, notes = cells_of(open_delimited(path))
-    np.testing.assert_array_equal(found[:, 2], [-2.5, np.nan, np.nan, 1.0])
-    told = "3 unreadable cells left out, the first: line 3: column RPM is '14. Jul'"
+    np.testing.assert_array_equal(found[:, 2], [-2.5, np.nan, np.nan, np.nan, 1.0])
+    told = "6 unreadable cells left out, the first: line 3: column RPM is '14. Jul'"
     assert notes.lines == (told,)
 
 
@@ -109,6 +112,9 @@ def test_columns_apart_by_blanks_may_have_a_mark_before_their_names(tmp_path: Pa
     raw = open_delimited(path)
     assert raw.names[:2] == ("Time", "AFR")
     np.testing.assert_array_equal(cells_of(raw)[0][:, :2], [[0.0, 14.7], [10.5, 9.81]])
+    # AND whole numbers are not one with blanks in its thousands
+    path.write_text("ms rpm\n1 900\n2 910\n")
+    np.testing.assert_array_equal(cells_of(open_delimited(path))[0], [[1.0, 900.0], [2.0, 910.0]])
 
 
 def test_words_tell_closed_loop(tmp_path: Path) -> None:

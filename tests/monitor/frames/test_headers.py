@@ -273,6 +273,23 @@ def test_groups_with_clocks_of_their_own_keep_their_times(proposed: Proposed) ->
     np.testing.assert_allclose(values(table, "lambda_measured"), [0.9 + i / 200 for i in ROWS[:-1]])
 
 
+@pytest.mark.parametrize(
+    ("names", "form"),
+    [
+        ("t,RPM,T1,AFR,T2", "{},{},{},{},0"),
+        ("t,RPM,t_oil,AFR", "{},{},{},{}"),
+        ("Time,RPM,Time to shift,AFR", "{},{},-{},{}"),
+        ("Time,RPM,Vehicle,AFR", "{},{},{},{}"),
+    ],
+)
+def test_signals_named_like_a_clock_or_a_source_are_signals(
+    proposed: Proposed, names: str, form: str
+) -> None:
+    cells = ((i / 10, RPM[i], 80 + i // 20, AFR[i]) for i in ROWS)
+    table, _ = proposed(f"{names}\n" + "".join(form.format(*each) + "\n" for each in cells))
+    np.testing.assert_allclose(values(table, "lambda_measured"), np.array(AFR) / 14.7)
+
+
 @pytest.mark.parametrize("names", [("X1 [s]", "X2 [s]"), ("t_rpm", "t_lambda"), ("Time", "Time")])
 def test_columns_with_a_clock_each_keep_their_times(
     proposed: Proposed, names: tuple[str, str]
@@ -540,12 +557,15 @@ def test_two_vehicles_in_one_table_are_refused(
     own.write_text('time = "Time"\n[signals]\nengine_speed_rpm = "RPM"\n')
     mixed = rows(lambda i: (row, other)[i % 2].format(i / 10, RPM[i]))
     path.write_text(f"{header}\n{mixed}")
-    with pytest.raises(RecordingError, match=r"line 3: \w+ of '[B2]', before of '[A1]'"):
+    with pytest.raises(RecordingError, match=r"line [34]: \w+ of '\w', before of '\w'"):
         read_table(path, own)
-    # AND the rows of one, and those of two devices with columns of their own, are read
+    # AND the rows of one, and those of two devices that write or change their own columns, are read
     path.write_text(f"{header}\n" + rows(lambda i: row.format(i / 10, RPM[i])))
     assert values(read_table(path, own), "engine_speed_rpm").tolist() == RPM
     path.write_text("Time,Device,RPM,Lat\n" + rows(lambda i: f"{i},obd,{RPM[i]},\n{i}.5,gps,,48"))
+    assert 40 <= len(read_table(path, own).t_ns) <= 80
+    held = rows(lambda i: f"{i},obd,{RPM[i]},{48 + i}\n{i}.5,gps,{RPM[i]},{49 + i}")
+    path.write_text(f"Time,Device,RPM,Lat\n{held}")
     assert 40 <= len(read_table(path, own).t_ns) <= 80
 
 
