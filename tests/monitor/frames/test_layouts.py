@@ -114,7 +114,7 @@ def test_a_known_format_that_is_not_read_is_called_by_its_name(
             "its content is packed with gzip: its name must end in .gz",
         ),
         (b"PK\3\4" + bytes(99), "its content is an archive or a workbook: unpack it"),
-        (b"LOGG" + bytes(99), "its content is that of .blf, and its name must end so"),
+        (b"LOGG\x90" + bytes(99), "its content is that of .blf, and its name must end so"),
         (b"MDF     4.10" + bytes(99), "its content is that of .mf4"),
     ],
 )
@@ -126,6 +126,12 @@ def test_the_content_of_another_format_is_called_by_its_name(
     path.write_bytes(content)
     assert cli.main(["check", str(path)]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_text_log_may_begin_as_another_format(tmp_path: Path) -> None:
+    for name in "LOGGER 2", "MDF export":
+        (tmp_path / "drive.log").write_text(f"{name}\n" + "(1.000000) can0 123#00\n" * 9)
+        assert len(list(read_frames(tmp_path / "drive.log"))) == 9
 
 
 def test_a_binary_format_is_called_by_its_name(tmp_path: Path) -> None:
