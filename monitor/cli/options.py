@@ -140,10 +140,6 @@ class Unusable(dict[str, str]):
             yield
         except (RecordingError, SignalMapError) as error:
             self[str(log)] = str(error)
-        except OSError as error:
-            if str(error.filename) != str(log):
-                raise
-            self[str(log)] = f"{log}: {error.strerror}"
 
     def end(self) -> None:
         """Say the errors; the last one, if any, is raised as UsageError."""

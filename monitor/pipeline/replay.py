@@ -89,14 +89,13 @@ def replay(
     Returns the recording's entry of ``o2mon.replay/1`` and its series (empty without ``trace``).
     Raises RecordingError, SignalMapError or ModelError.
     """
-    sha256 = sha256_of(path)
     if is_table(path):
         table = table_of_model(path, setup.columns, setup.model.card)
-        found = judged_table(table, sha256, setup, memory, trace=trace, listeners=listeners)
+        pair = judged_table(table, sha256_of(path), setup, memory, trace=trace, listeners=listeners)
     else:
         opened = RecordingReader(setup.bus_map, setup.model.card).open(path)
-        found = judged(opened, sha256, setup, memory, trace=trace, listeners=listeners)
-    return found[0] | {"source": entry_of(path, sha256).get("source")}, found[1]
+        pair = judged(opened, sha256_of(path), setup, memory, trace=trace, listeners=listeners)
+    return pair[0] | {"source": entry_of(path, pair[0]["sha256"]).get("source")}, pair[1]
 
 
 def judged_table(

@@ -93,7 +93,8 @@ def test_a_test_that_cannot_be_tried_is_an_error_beside_the_others(
     assert cli.main([*logs, *junit]) == 2
     passed, (name, told) = outcomes(report).items()
     assert passed[0] == str(ninety_seconds)
-    assert (name, told) == (str(gone), ("error", None, f"{gone}: No such file or directory"))
+    missing = f"{gone}: cannot read it: No such file or directory"
+    assert (name, told) == (str(gone), ("error", None, missing))
     [judged] = json.loads((tmp_path / "found.json").read_text())["recordings"]
     assert judged["path"] == str(ninety_seconds)
     # and with a fault memory none is judged whose earlier driving cycle is missing
