@@ -55,11 +55,11 @@ def log_blocks(
 
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
-    names = keys_of(channel.message for channel in bus_map.channels.values())
-    blocks = read_blocks(path, counters, Channels(bus_map.log_channel, names))
-    return map(EngineAnswers(names.values()).push, blocks)
+    mapped = names_of(channel.message for channel in bus_map.channels.values())
+    blocks = read_blocks(path, counters, Channels(bus_map.log_channel, mapped))
+    return map(EngineAnswers(mapped).push, blocks)
 
 
-def keys_of(messages: Iterable[Message]) -> dict[str, int]:
-    """Return the keys of the messages' frames, by name."""
-    return {m.name: m.frame_id | (EXTENDED if m.is_extended_frame else 0) for m in messages}
+def names_of(messages: Iterable[Message]) -> dict[int, str]:
+    """Return the messages' names, by the keys of their frames."""
+    return {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m.name for m in messages}

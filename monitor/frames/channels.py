@@ -14,13 +14,13 @@ class Channels:
     """Keeps the frames of one channel, and refuses a log in which two buses are mixed.
 
     only : name of the channel to keep, as the log has it; "" keeps all
-    mapped : keys of a block (``FrameBlock.key``) that the signal map reads, by the messages' names,
-        which some logs have in place of identifiers
+    mapped : messages that the signal map reads, by the keys of their frames (``FrameBlock.key``);
+        some logs have their names in place of identifiers
     """
 
-    def __init__(self, only: str = "", mapped: Mapping[str, int] | None = None) -> None:
-        self.only, self.names = only, mapped or {}
-        self._mapped = np.array(sorted({*self.names.values()}), dtype=np.uint32)
+    def __init__(self, only: str = "", mapped: Mapping[int, str] | None = None) -> None:
+        self.only, self.names = only, {name: key for key, name in (mapped or {}).items()}
+        self._mapped = np.array(sorted(mapped or ()), dtype=np.uint32)
         self._heard: dict[str, set[int]] = {}  # mapped keys by channel
 
     @property

@@ -11,7 +11,7 @@ from pathlib import Path
 from monitor.base.files.manifest import note
 from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.log_blocks import keys_of
+from monitor.decode.log_blocks import names_of
 from monitor.decode.obd_answers import ANSWER, ANSWER_29, POSITIVE, AllParameters
 from monitor.frames.blocks import EXTENDED, LogCounters, frames_of
 from monitor.frames.channels import Channels
@@ -83,9 +83,9 @@ def _log_drive(
     )
     names = needed_names(setup.model.card, (*setup.bus_map.names, *setup.bus_map.optional))
     found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, names))
-    keys = keys_of(channel.message for channel in setup.bus_map.channels.values())
-    blocks = read_blocks(log, found, Channels(setup.bus_map.log_channel, keys))
-    is_polled = ANSWER in keys.values()
+    mapped = names_of(channel.message for channel in setup.bus_map.channels.values())
+    blocks = read_blocks(log, found, Channels(setup.bus_map.log_channel, mapped))
+    is_polled = ANSWER in mapped
     blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)
     read = chain.from_iterable(map(frames_of, blocks))
     frames = injector.stream(_alone(read, injector.counts.kept) if is_polled else read)

@@ -146,12 +146,12 @@ def test_a_log_of_names_instead_of_identifiers_says_so(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="names in place of identifiers, which no database"):
         list(read_frames(path))
     # AND with their numbers the frames of known messages are read, here and beside numbers
-    numbers = {"EngineData": 0x18FEF100 | EXTENDED}
+    names = {0x18FEF100 | EXTENDED: "EngineData"}
     path.write_text(path.read_text().replace("0.1", "0.2", 1) + " 0.3 1 Oil Rx d 1 00\n")
-    (block,) = read_blocks(path, channels=Channels(mapped=numbers))
+    (block,) = read_blocks(path, channels=Channels(mapped=names))
     assert set(block.key.tolist()) == {0x18FEF100 | EXTENDED}
     path.write_text(path.read_text() + " 0.4 1 0C2 Rx d 1 00\n")
-    (block,) = read_blocks(path, channels=Channels(mapped=numbers))
+    (block,) = read_blocks(path, channels=Channels(mapped=names))
     assert block.key.tolist() == [0x18FEF100 | EXTENDED] * 9 + [0xC2]
 
 
@@ -413,7 +413,7 @@ def test_channels_of_a_table_of_frames_are_told_apart_whatever_they_are_called(
     rows = [f"0.{i},{more}{1 + i % 2},C2,0{i % 2}\n" for i in range(9)]
     path.write_text(f"Time,{name},CAN ID,Data\n" + "".join(rows))
     with pytest.raises(RecordingError, match="0C2 is on the channels '1' and '2'"):
-        list(read_blocks(path, channels=Channels("", {"": 0xC2})))
+        list(read_blocks(path, channels=Channels("", {0xC2: ""})))
 
 
 @pytest.mark.parametrize(
@@ -472,18 +472,18 @@ def test_a_log_of_two_buses_is_refused_unless_one_is_chosen(tmp_path: Path) -> N
     mixed = [line for pair in zip(engine, body, strict=True) for line in pair]
     for lines in (engine + body, body + engine, mixed):
         path.write_text("".join(lines))
-        # WHEN the map reads that identifier THEN both names are said
+        # WHEN maps read it THEN both names are said, though their messages have the same name
         with pytest.raises(RecordingError, match=r"0C2 is on the channels 'can\d' and 'can\d'"):
-            list(read_blocks(path, channels=Channels("", {"": 0xC2})))
+            list(read_blocks(path, channels=Channels("", {0xC2: "Status", 0xC9: "Status"})))
         # AND a chosen one gives its frames alone; an identifier of one channel is no matter
-        chosen = list(read_blocks(path, channels=Channels("can0", {"": 0xC2})))
+        chosen = list(read_blocks(path, channels=Channels("can0", {0xC2: ""})))
         assert [int(d) for b in chosen for d in b.data[:, 0]] == list(range(0, 90, 2))
-        assert sum(len(b.t_ns) for b in read_blocks(path, channels=Channels("", {"": 0xC9}))) == 135
+        assert sum(len(b.t_ns) for b in read_blocks(path, channels=Channels("", {0xC9: ""}))) == 135
     printed = "Timestamp: {0}.5 ID: 0c2 S Rx DL: 1 0{0} Channel: can{0}\n"
     path.write_text("".join(map(printed.format, (0, 1))))
     assert [b.data[0, 0] for b in read_blocks(path, channels=Channels("can1"))] == [1]
     with pytest.raises(RecordingError, match="no channel can7, there are 'can0', 'can1'"):
-        list(read_blocks(path, channels=Channels("can7", {"": 0xC2})))
+        list(read_blocks(path, channels=Channels("can7", {0xC2: ""})))
 
 
 def test_answers_of_29_bits_are_decoded_as_those_of_11(tmp_path: Path) -> None:
