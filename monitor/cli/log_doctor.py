@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from monitor.base.command_line.parameters import reading_words
 from monitor.base.errors import UsageError
@@ -19,7 +19,6 @@ from monitor.grid.tables import kinds_of
 
 if TYPE_CHECKING:
     from monitor.cli.doctor import DoctorOptions
-    from monitor.pipeline.collector import Trace
 
 Words = list[str | Path]
 _MODULES = {"o2mon": "monitor.cli", "o2train": "training.cli"}
@@ -46,7 +45,7 @@ def diagnosed(args: "DoctorOptions") -> int:
         words = [log, *of_model, *_reading(args, [log]), *settings]
         steps |= _step("o2mon", "check", *words, may_fail=True)
     setup = set_up(replace(args, model=model), args.columns)
-    judged, unusable = list["tuple[dict[str, Any], Trace]"](), Unusable()
+    judged, unusable = [], Unusable()
     for log in args.log:
         with unusable.set_aside(log):
             judged.append(replay(log, setup, trace=True))

@@ -122,10 +122,8 @@ class Group:
         steps = np.array(pairs, dtype=np.float64).transpose(1, 2, 0)[..., np.newaxis]
         steps[:, 1][(steps == [[[1]], [[0]]]).all(axis=1)] = -0.0  # leaves a zero its sign
         self._steps = [(f, o) for f, o in steps if (f != 1).any() or o.any()]
-        self._raw = [
-            (-np.inf, np.inf) if channel.signal.is_float else raw_limits(channel)
-            for channel in channels
-        ]
+        unlimited = -np.inf, np.inf
+        self._raw = [unlimited if c.signal.is_float else raw_limits(c) for c in channels]
         whole = np.iinfo(np.int64)
         raw = [(max(low, whole.min), min(high, whole.max)) for low, high in self._raw]
         self._least, self._most = np.array(raw, dtype=np.int64).T[..., np.newaxis]

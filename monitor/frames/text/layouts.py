@@ -560,10 +560,8 @@ def _table_row(names: Sequence[str], sep: str) -> re.Pattern[str] | None:
     numbers = [int(n[1]) for n in map(_BYTE.fullmatch, names) if n]
     if numbers != sorted(numbers):  # the last byte first
         return None
-    further = len(numbers) - 1
-    body = (
-        rf'"? *+{sep} *+=?"?'.join(cells).replace("{sep}", sep).replace("{further}", f"{further}")
-    )
+    body = rf'"? *+{sep} *+=?"?'.join(cells).replace("{sep}", sep)
+    body = body.replace("{further}", str(len(numbers) - 1))
     has_all = all(f"<{group}>" in body for group in ("time", "id", "data"))
     return re.compile(rf'=?"?{body} *+"?(?:{sep}.*)?', _ANY) if has_all else None
 

@@ -369,7 +369,7 @@ def test_rows_of_two_channels_may_be_a_little_out_of_order(tmp_path: Path) -> No
     assert len(list(read_frames(path))) == 40
 
 
-def test_two_logs_of_vector_in_one_file_keep_their_dates_and_bases(tmp_path: Path) -> None:
+def test_two_logs_in_one_file_keep_their_dates_and_bases(tmp_path: Path) -> None:
     path, begun_s = tmp_path / "two.asc", 1795847400
     log = "date Sat Nov 28 {} 2026\nbase {}\n 0.5 1 100 Rx d 1 11\n 0.25 1 100 Rx d 1 10\n"
     forms = ("06:30:00", "hex timestamps absolute"), ("06:40:00", "dec timestamps relative")
@@ -381,13 +381,9 @@ def test_two_logs_of_vector_in_one_file_keep_their_dates_and_bases(tmp_path: Pat
         (600.5, 100, 11),
         (600.75, 100, 10),
     ]
-
-
-def test_two_logs_of_peak_in_one_file_keep_their_dates(tmp_path: Path) -> None:
-    path, day = (
-        tmp_path / "two.trc",
-        ";$FILEVERSION=1.1\n;$STARTTIME={}\n  1)  500.0  Rx 0100 1 11\n",
-    )
+    # AND so do two traces of PEAK
+    path = tmp_path / "two.trc"
+    day = ";$FILEVERSION=1.1\n;$STARTTIME={}\n  1)  500.0  Rx 0100 1 11\n"
     path.write_text(day.format(46354.25) + day.format(46354.5))
     assert [f.t_ns / 1e9 for f in read_frames(path)] == [1795847400.5 - 1800, 1795847400.5 + 19800]
 
