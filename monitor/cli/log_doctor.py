@@ -49,7 +49,7 @@ def diagnosed(args: "DoctorOptions") -> int:
     for log in args.log:
         with unusable.set_aside(log):
             judged.append(replay(log, setup, trace=True))
-    logs = args.healthy or args.log
+    logs = args.healthy or [log for log in args.log if str(log) not in unusable] or args.log
     words = [*logs, "--out", args.out / "tables", *_reading(args, logs), *force]
     steps |= _step("o2train", "tables", *words, may_fail=True)
     recordings, traces = [each for each, _ in judged], [trace for _, trace in judged]

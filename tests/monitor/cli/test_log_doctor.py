@@ -90,6 +90,7 @@ def test_a_log_that_cannot_be_read_does_not_hide_what_the_others_say(
     assert main([command, str(tmp_path / "none.csv"), str(LATE), *out]) == 2
     said, errors = capfd.readouterr()
     assert "plausible" in said and ("FAULT: P015A delay_symmetric" in said) == bool(out)
+    assert (f"$ o2train tables {LATE} " in said) == bool(out)  # without the log that cannot be read
     assert "none.csv: " in errors.splitlines()[-1] and "No such file" in errors.splitlines()[-1]
 
 
