@@ -12,8 +12,6 @@ from monitor.base import config
 from monitor.judge.bias import BiasRule, paper_failed
 from monitor.judge.limits import NO_LIMITS
 
-# The paper's rule
-
 
 @given(st.floats(-2.0, 2.0), st.floats(0.0, 2.0), st.floats(1e-3, 1.0), st.floats(1e-3, 1.0))
 @example(0.05, 0.25, 0.05, 0.25)
@@ -29,8 +27,6 @@ def test_the_papers_rule_needs_mean_and_spread_at_their_limits_or_beyond(
     )
 
 
-# The bias rule
-
 LIMIT = 0.065
 BIAS = config.load().bias
 STD = BIAS.window_std_lambda
@@ -43,6 +39,7 @@ def new_rule(low: float = -LIMIT, high: float = LIMIT) -> BiasRule:
 
 
 @given(st.lists(st.floats(-MOST, MOST), min_size=1, max_size=40))
+@example([LIMIT + 0.01] * 6)  # too small for so few windows
 def test_the_bias_rule_judges_the_fading_mean(means: list[float]) -> None:
     rule = new_rule()
     for i, mean in enumerate(means, start=1):
@@ -63,17 +60,6 @@ def test_the_bias_rule_judges_the_fading_mean(means: list[float]) -> None:
             assert abs(offset) < LIMIT
         else:
             assert LIMIT <= abs(offset) <= LIMIT + 1.001 * BIAS.certainty * std
-
-
-def test_a_small_offset_needs_more_windows_than_a_large_one() -> None:
-    needed = []
-    for beyond in (0.05, 0.013, 0.01):
-        rule = new_rule()
-        outcomes = [rule.judge(LIMIT + beyond).outcome for _ in range(40)]
-        needed.append(outcomes.index("failed") + 1)
-    assert needed == sorted(needed)
-    assert needed[0] == BIAS.n_windows
-    assert needed[-1] > 5
 
 
 def test_the_limits_of_a_vehicle_need_not_be_alike() -> None:
@@ -99,16 +85,12 @@ def test_an_ignored_window_is_no_bias() -> None:
     assert [rule.judge(0.0).outcome for _ in range(3)] == ["inconclusive"] * 2 + ["passed"]
 
 
-def stepping_rule() -> BiasRule:
-    return BiasRule(BIAS, OWN, BIAS.fuel_span_lambda)
-
-
 @pytest.mark.parametrize(("size", "fault"), [(0.1, "biased_lean"), (-0.1, "biased_rich")])
 def test_an_offset_that_begins_late_in_a_drive_fails_within_a_few_windows(
     size: float, fault: str
 ) -> None:
     # GIVEN a healthy drive of 150 windows, whose mean fades slowly
-    rule = stepping_rule()
+    rule = BiasRule(BIAS, OWN, BIAS.fuel_span_lambda)
     noise = np.random.default_rng(3).normal(0.0, STD, 160)
     assert {rule.judge(mean).outcome for mean in noise[:150]} == {"inconclusive", "passed"}
     # WHEN the reading is off THEN the rule fails while the mean is still healthy
@@ -123,5 +105,5 @@ def test_an_offset_that_begins_late_in_a_drive_fails_within_a_few_windows(
     ids=["a step that another fuel explains", "an offset within the limit, until it goes"],
 )
 def test_a_change_that_says_nothing_of_the_sensor_is_no_bias(means: list[float]) -> None:
-    rule = stepping_rule()
+    rule = BiasRule(BIAS, OWN, BIAS.fuel_span_lambda)
     assert "failed" not in {rule.judge(mean).outcome for mean in means}

@@ -18,11 +18,6 @@ from monitor.judge.catalyst.rule import CatalystRule
 from monitor.judge.catalyst.watch import NEEDED, WIDE, BehindResult, CatalystMonitor
 
 PERIOD_S = 0.1
-BIASES = [
-    (0.0, set()),
-    (0.022, {"balance_rich", "biased_lean"}),
-    (-0.022, {"balance_lean", "biased_rich"}),
-]
 SETTINGS = config.shipped().catalyst
 RESPONSE = config.shipped().response
 NAMES = (*NEEDED, "engine_speed_rpm")
@@ -109,7 +104,6 @@ def judged(
 
 
 def entry_of(values: FloatArray, names: tuple[str, ...] = NAMES) -> dict[str, Any]:
-    """Return what is said of the catalyst at the end of a drive."""
     entry = judged(values, names=names)[0].entry()
     assert entry is not None
     return entry
@@ -164,7 +158,14 @@ def test_a_voltage_that_no_gas_moves_is_stuck_on_its_side_and_passes_nothing(
     assert {r.test for r in results if r.claim.outcome == "passed"} == {"downstream_circuit"}
 
 
-@pytest.mark.parametrize(("offset", "faults"), BIASES)
+@pytest.mark.parametrize(
+    ("offset", "faults"),
+    [
+        (0.0, set()),
+        (0.022, {"balance_rich", "biased_lean"}),
+        (-0.022, {"balance_lean", "biased_rich"}),
+    ],
+)
 def test_an_upstream_offset_contradicts_the_balance(offset: float, faults: set[str]) -> None:
     monitor, results = judged(a_drive(0.3, offset=offset))
     entry = monitor.entry()
@@ -381,8 +382,6 @@ def test_a_cold_brick_is_not_judged() -> None:
     assert {r.test for r in judged(values, names=names)[1]} == {"downstream_circuit"}
     assert entry_of(values, names)["segments"] == 0
 
-
-# The capacity between those of the bank, and its interval
 
 LOG_G = np.log(np.array(config.shipped().catalyst.capacities_g))
 PARTS = 8

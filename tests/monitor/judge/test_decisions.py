@@ -53,7 +53,6 @@ def judged(given: Decisions, *windows: Facts) -> Decisions:
 
 
 def failing(given: Decisions) -> set[str]:
-    """Return the faults whose codes have failed at last."""
     return {dtc.fault for dtc in given.store.all if dtc.status & Status.TEST_FAILED}
 
 

@@ -71,8 +71,6 @@ def enable_of(names: tuple[str, ...], period_s: float) -> Enable:
 
 
 class Bench:
-    """Steps an Enable through samples of given values."""
-
     def __init__(self, names: tuple[str, ...] = NAMES, period_s: float = PERIOD_S) -> None:
         self.names = names
         self.subject = enable_of(names, period_s)
@@ -223,9 +221,6 @@ def test_a_reading_at_the_end_of_its_range_is_judged_in_fuel_cut_only(
     assert blocking(dict(zip(CONDITIONS, held, strict=True))) == blocked
 
 
-# The purge valve
-
-
 @pytest.mark.parametrize("period_s", [0.01, 0.1, 0.25])
 @pytest.mark.parametrize(
     ("before", "after"),
@@ -271,7 +266,6 @@ NUMBER = st.sampled_from([math.nan, 0.0, 1e-4, 0.5, 1.0, 1.1, 5.0, 20.0, 55.0, 9
 
 @st.composite
 def held_values(draw: st.DrawFn) -> np.ndarray:
-    """Signals that hold a value for a while, most of them good."""
     n = draw(st.integers(0, 120))
     values = np.array([[GOOD[name] for name in NAMES]] * n).reshape(n, len(NAMES))
     for _ in range(draw(st.integers(0, 12))):
@@ -298,9 +292,6 @@ def test_the_conditions_do_not_depend_on_where_blocks_begin(
     assert [one_by_one.push(row[np.newaxis])[0].tolist() for row in values] == got.tolist()
     parts = [cut.push(part) for part in np.split(values, sorted(cuts))]
     np.testing.assert_array_equal(np.concatenate(parts), got)
-
-
-# Windows
 
 
 def fill(

@@ -159,9 +159,6 @@ def test_evidence_does_not_depend_on_where_blocks_begin() -> None:
     assert [each for part in parts for each in part] == whole
 
 
-# Whole drives
-
-
 def judged(
     change: FloatArray | None, *, without: tuple[str, ...] = (), **more: FloatArray
 ) -> Verdict:
@@ -177,7 +174,6 @@ def judged(
 
 
 def late(value: FloatArray | float, begin_s: float = 150.0) -> FloatArray:
-    """Return the healthy readings with others from some time on."""
     healthy = columns()["lambda_measured"]
     return np.where(np.arange(len(healthy)) * PERIOD_S < begin_s, healthy, value)
 
@@ -206,9 +202,6 @@ def test_a_drive_with_drops_to_one_value_is_intermittent() -> None:
     drops = np.where(np.arange(len(healthy)) % 97 < 6, 0.93, healthy)
     assert [code.fault for code in judged(drops).codes] == ["intermittent"]
     assert not judged(healthy).codes
-
-
-# Drift
 
 
 def test_a_ramp_drifts_and_neither_a_step_nor_a_constant_does() -> None:

@@ -6,10 +6,9 @@ from hypothesis import strategies as st
 
 from monitor.base import config
 from monitor.base.types import Quality
-from monitor.judge.causes.observation import Observation, dead_at_end
+from monitor.judge.causes.observation import Observation
 from monitor.judge.enable import Enable
 from monitor.model.card import Channel
-from monitor.pipeline.replay import Setup
 from tests.helpers.examples import inputs
 
 CONFIG = config.load()
@@ -60,18 +59,3 @@ def test_the_counts_are_those_of_the_samples() -> None:
     air = next(i for i, each in enumerate(seen.ranges) if each.signal == "air_mass_mg")
     assert seen.below[air] == np.count_nonzero(values[:, 0] < 50.0)
     assert seen.share("measured_valid") == np.mean(quality[:, 1] == Quality.GOOD)
-
-
-def test_a_reading_at_the_logger_s_end_of_range_when_the_recording_ends_is_pegged(
-    setup: Setup,
-) -> None:
-    # GIVEN a minute of driving whose last two seconds read the logger's leanest value
-    names, pinned = ("lambda_measured",), np.arange(600) >= 580
-    values = np.where(pinned, 1.5, 1.0 + 0.02 * np.sin(np.arange(600)))[:, np.newaxis]
-    quality = np.where(pinned, Quality.PINNED, Quality.GOOD)[:, np.newaxis].astype(np.uint8)
-    settings = setup.config
-    conditions = Enable(settings.enable, names, (), names[0], 0.1)
-    seen = Observation(conditions, names, settings.plausibility, 0.1)
-    seen.push(values, quality, conditions.push(values, quality))
-    # THEN that is told, and not that the sensor was cold
-    assert dead_at_end(seen.observed(), setup.model.card, settings, setup.limits) == "pegged"

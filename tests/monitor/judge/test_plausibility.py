@@ -33,8 +33,6 @@ def sample(
 
 
 class OneByOne(Plausibility):
-    """Takes single samples."""
-
     def step(self, one: Sample) -> list[TickResult]:
         results = self.push(one.values[np.newaxis], one.quality[np.newaxis])
         assert all((begin, end) == (0, 1) for begin, end, _ in results)
@@ -58,7 +56,6 @@ def fails(results: list[TickResult], test: str) -> bool:
 
 
 def heard(names: tuple[str, ...] = NAMES) -> OneByOne:
-    """Return the tests after the sensor has been heard once."""
     plausibility = subject(names)
     plausibility.step(sample(Quality.GOOD, names=names))
     return plausibility
@@ -145,15 +142,11 @@ def test_an_electrical_fault_matures_within_three_seconds() -> None:
     assert 1.0 <= n * PERIOD_S <= 3.0
 
 
-# A frozen signal
-
 STUCK = round(CONFIG.plausibility.stuck_s / PERIOD_S)
 RANGE = CONFIG.plausibility.stuck_range
 
 
 class ActivityOneByOne(ActivityTest):
-    """Takes single readings of a sensor that must move."""
-
     def step(self, measured: float) -> tuple[bool, str] | None:
         found = self.push(np.array([measured]), np.array([True]))
         return (found[0][1].failed, found[0][1].fault) if found else None
@@ -246,7 +239,6 @@ def test_a_signal_at_the_trained_lean_end_is_saturated_and_not_judged(reads: flo
 
 
 def rests(names: tuple[str, ...], reads: float, percentile_0_1: float = 0.5) -> bool:
-    """Return whether a frozen reading is rest."""
     test = ActivityOneByOne(CONFIG.plausibility, output(percentile_0_1), names, PERIOD_S)
     for k in range(STUCK):  # it was alive before
         test.step(0.9 + 0.1 * (k % 2))

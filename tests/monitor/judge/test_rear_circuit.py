@@ -197,21 +197,11 @@ def test_doubtful_voltages_are_kept_from_the_bank(volts: float, every: int, sinc
     assert all(doubtful[since:])
 
 
-# Beside a switching front sensor
-
-
 def judged(*, burning: bool = True, **drive: float | bool) -> RearActivity:
     activity = RearActivity(config.shipped())
     for t_s, front_v, rear_v in zip(*switching_drive(**drive), strict=True):  # type: ignore[arg-type]
         activity.push(t_s, front_v, rear_v, burning=burning)
     return activity
-
-
-def test_behind_an_empty_can_the_rear_sensor_repeats_the_front_sensor() -> None:
-    activity = judged(stores=False)
-    claim = activity.claim()
-    assert (claim.outcome, claim.fault) == ("failed", "catalyst_low")
-    assert activity.followed > 0.9 * activity.trials > 20
 
 
 def test_a_catalyst_that_stores_lets_only_long_excursions_pass() -> None:
@@ -221,9 +211,7 @@ def test_a_catalyst_that_stores_lets_only_long_excursions_pass() -> None:
 
 
 @pytest.mark.parametrize("stores", [True, False])
-def test_a_slow_logger_or_a_fuel_cut_decides_nothing(stores: bool) -> None:
-    slow = judged(stores=stores, period_s=1.0)
-    assert (slow.trials, slow.claim().outcome) == (0, "inconclusive")
+def test_a_fuel_cut_decides_nothing(stores: bool) -> None:
     assert judged(stores=stores, burning=False).trials == 0
 
 

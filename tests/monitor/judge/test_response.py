@@ -25,6 +25,7 @@ from monitor.judge.response.bank import DIRECTIONS, build
 from monitor.judge.response.rule import Response, ResponseRule
 from monitor.judge.trust import Trust
 from monitor.memory.codes import CODES
+from tests.helpers.drives.simulated_drives import to_grid
 from tests.helpers.examples import inputs
 from tests.helpers.models.windows import readings
 from training.limits.response.response_limits import healthy_gain
@@ -33,9 +34,6 @@ STEP_S, PERIOD_S, WINDOW = 0.01, 0.1, 50
 CONFIG = config.load().response
 BANK = build(CONFIG)
 Sensor = Callable[[FloatArray], FloatArray]
-
-
-# Independent models at 100 Hz
 
 
 def poles(u: FloatArray, *taus_s: float) -> FloatArray:
@@ -116,10 +114,6 @@ def healthy(u: FloatArray) -> FloatArray:
     return u
 
 
-def to_grid(x: FloatArray) -> FloatArray:
-    return np.asarray(x.reshape(-1, round(PERIOD_S / STEP_S)).mean(axis=1))
-
-
 def drive(sensor: Sensor, seed: int, duration_s: float = 200.0) -> tuple[FloatArray, FloatArray]:
     """Measured and predicted phi at 10 Hz, each (n,)."""
     rng = np.random.default_rng(seed)
@@ -151,7 +145,6 @@ def new_rule(untested: Sequence[str] = (), **own: float) -> ResponseRule:
 
 
 def cut(measured: FloatArray, predicted: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Measurement and bank in windows."""
     rows = readings(CONFIG, PERIOD_S, predicted)
     starts = range(0, len(measured) - WINDOW + 1, WINDOW)
     windows = np.array([measured[i : i + WINDOW] for i in starts])

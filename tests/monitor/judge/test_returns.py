@@ -17,6 +17,8 @@ from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 
 JUMP, NEEDED = 0.03, 10
+NAMES = ("lambda_measured", "fuel_cut")
+OUTPUT = Channel(NAMES[0], "-", 0.7, 1.4, 0.7, 1.4)
 
 
 def decisions(measured: FloatArray, *, blocks: int = 1, burning: bool = True) -> list[int]:
@@ -38,6 +40,12 @@ def with_drops(measured: FloatArray, values: FloatArray | list[float]) -> FloatA
     for k, value in enumerate(values):
         dropped[100 * k + 50 : 100 * k + 55] = value
     return dropped
+
+
+def returns_in(tests: ElectricalTests, values: FloatArray) -> list[TickResult]:
+    good, burning = np.zeros(values.shape, np.uint8), np.full(len(values), True)
+    found, *_ = tests.push(values, good, burning)
+    return [result for _, result in found if result == RETURNS]
 
 
 def test_the_tenth_drop_to_exactly_one_value_decides_once() -> None:
@@ -63,31 +71,19 @@ def test_a_reading_of_air_is_no_default_value_unless_fuel_burns() -> None:
 
 
 def test_where_nothing_tells_a_fuel_cut_no_value_is_a_default_value() -> None:
-    output = Channel("lambda_measured", "-", 0.7, 1.4, 0.7, 1.4)
-    tests = ElectricalTests(config.shipped(), ("lambda_measured",), output, 0.1)
-    values = with_drops(live(), [1.36] * 25)[:, np.newaxis]
-    found, *_ = tests.push(values, np.zeros(values.shape, np.uint8), np.full(len(values), True))
-    assert RETURNS not in [result for _, result in found]
+    tests = ElectricalTests(config.shipped(), NAMES[:1], OUTPUT, 0.1)
+    assert returns_in(tests, with_drops(live(), [1.36] * 25)[:, np.newaxis]) == []
 
 
 def test_drops_that_go_on_after_a_tester_cleared_the_codes_are_found_again() -> None:
     # GIVEN a sensor that drops to one value again and again, and a test that has found it
-    names = ("lambda_measured", "fuel_cut")
-    output = Channel("lambda_measured", "-", 0.7, 1.4, 0.7, 1.4)
-    tests = ElectricalTests(config.shipped(), names, output, 0.1)
-    dropped = with_drops(live(), [0.9] * 25)
-    values = np.column_stack([dropped, np.zeros(len(dropped))])
-    good, burning = np.zeros(values.shape, np.uint8), np.full(len(dropped), True)
-
-    def found() -> list[TickResult]:
-        results, *_ = tests.push(values, good, burning)
-        return [result for _, result in results if result == RETURNS]
-
-    assert found() == [RETURNS]
+    tests = ElectricalTests(config.shipped(), NAMES, OUTPUT, 0.1)
+    values = np.column_stack([with_drops(live(), [0.9] * 25), np.zeros(3000)])
+    assert returns_in(tests, values) == [RETURNS]
     # WHEN it goes on THEN it is not told anew, unless the codes were cleared
-    assert found() == []
+    assert returns_in(tests, values) == []
     tests.forget()
-    assert found() == [RETURNS]
+    assert returns_in(tests, values) == [RETURNS]
 
 
 @given(st.integers(1, 400))
