@@ -41,7 +41,6 @@ FRAME = FreezeFrame(
 
 
 def saved() -> Saved:
-    """Return a memory with a confirmed, a pending and a permanent code."""
     return Saved(
         dtcs=(
             Dtc("P0133", "slow_symmetric", status=CONFIRMED, failed_cycles=2),
@@ -90,7 +89,6 @@ class Vehicle:
             self.state.push(tick(engine_speed_rpm))
 
     def clear(self) -> None:
-        """Clear the codes, or fail to."""
         if self.fails:
             raise RecordingError("disk full")
         self.clearings += 1
@@ -98,6 +96,5 @@ class Vehicle:
 
 
 def ask(request: str, vehicle: Vehicle | None = None, *, functional: bool = False) -> str | None:
-    """Return the answer in hexadecimal."""
     found = answer(bytes.fromhex(request), functional, (vehicle or Vehicle()).state)
     return None if found is None else found.hex(" ")

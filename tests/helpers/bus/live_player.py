@@ -61,7 +61,6 @@ class Player:
         )
 
     def judged(self, frames: Sequence[Frame]) -> list[Event]:
-        """Judge frames without the feed; return the events."""
         found = self.pipeline.push(block_of(list(frames)))
         return [each for event in found for each in singly(event)]
 
@@ -82,7 +81,6 @@ class Player:
                 self.work(due_s - time.monotonic())
 
     def work(self, seconds: float) -> None:
-        """Let the time go by."""
         until_s = time.monotonic() + seconds
         self.feed.work(time.monotonic())
         while (wait_s := until_s - time.monotonic()) > 0.002:

@@ -157,7 +157,6 @@ class ObdEcu:
 
 
 def steady_ecu(**options: Any) -> ObdEcu:
-    """Return an ECU whose engine does not change."""
     return ObdEcu(np.zeros(1), {name: np.array([x]) for name, x in STEADY.items()}, **options)
 
 
@@ -194,7 +193,6 @@ class SimulatedBus(can.BusABC):
         self._rng = np.random.default_rng(seed)
 
     def put(self, at_s: float, can_id: int, data: bytes, *, extended: bool = False) -> None:
-        """Let a frame of somebody else come."""
         self._n += 1
         heapq.heappush(self._coming, (at_s, self._n, can_id, data, extended))
 

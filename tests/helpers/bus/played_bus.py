@@ -95,7 +95,6 @@ def played_on(
 
 
 def run_on(script: Script, setup: replay.Setup, **options: Any) -> tuple[dict[str, Any], PlayedBus]:
-    """Return the result of such a run."""
     loop, bus = played_on(script, setup, **options)
     return loop.result("played"), bus
 

@@ -246,8 +246,6 @@ def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
 
 
 class Clearing(Ear):
-    """An attachment that clears the codes when a certain frame comes."""
-
     clear: Callable[[], None]
 
     def receive(self, frame: Frame) -> None:

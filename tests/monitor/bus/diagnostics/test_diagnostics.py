@@ -21,10 +21,6 @@ from tests.helpers.bus.diagnostics_state import SHA256, VIN, Vehicle, ask
 from tests.helpers.logs.replays import frames_of
 
 
-def test_parameter_01_tells_lamp_codes_and_that_the_sensor_monitor_has_completed() -> None:
-    assert ask("01 01") == "41 01 81 04 20 00"
-
-
 def test_a_vehicle_with_a_catalyst_tells_its_readiness_results_and_performance() -> None:
     vehicle = Vehicle()
     store = vehicle.store
@@ -112,12 +108,6 @@ def test_there_is_one_freeze_frame_and_only_what_it_holds() -> None:
     assert ask("02 04 00") == "7f 02 12"  # calculated load is no signal of ours
     assert ask("02 0C") == "7f 02 12"  # frame number missing
     assert ask("02 0C 00 0D 00 02 00") == "42 0c 00 1f 40 0d 00 50 02 00 01 33"
-
-
-def test_codes_stand_under_confirmed_pending_and_permanent() -> None:
-    assert ask("03") == "43 01 01 33"
-    assert ask("07") == "47 02 01 33 21 95"
-    assert ask("0A") == "4a 01 01 33"
 
 
 def test_test_results_carry_value_and_limits_in_their_scaling() -> None:

@@ -53,7 +53,6 @@ class Tester:
         return self.work()
 
     def work(self) -> list[str]:
-        """Return the frames that are due."""
         frames = list(self.server.work(CLOCK.now_s))
         assert all(f.can_id == RESPONSE and not f.is_extended for f in frames)
         assert all(len(f.data) == 8 for f in frames)

@@ -127,8 +127,6 @@ def test_no_clock_and_no_stamps_set_a_code_on_a_live_bus_and_the_replay_agrees(
 
 
 class Bench:
-    """A clock and the time that passes."""
-
     def __init__(self) -> None:
         self.now_s = 100.0
         self.clock = Clock(lambda: self.now_s, PAUSE_NS)

@@ -29,8 +29,6 @@ TICK_NS = 100_000_000
 
 @dataclass
 class Stand:
-    """What the transmitter asks of a monitor."""
-
     store: DtcStore = field(default_factory=DtcStore)
     samples: int = 4
     enabled_samples: int = 1
@@ -56,7 +54,6 @@ def decoded(frame: Frame) -> dict[str, Any]:
 
 
 def sent(transmitter: Transmitter, event: Event) -> list[Frame]:
-    """What goes out because of this event."""
     transmitter.push(event)
     return list(transmitter.work(0.0))
 

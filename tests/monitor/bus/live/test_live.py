@@ -37,6 +37,11 @@ def player() -> Iterator[Player]:
         yield playing
 
 
+@pytest.fixture
+def fed() -> Player:
+    return Player(server=Sink())
+
+
 def is_running(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] != "Z"
@@ -44,22 +49,20 @@ def is_running(pid: int) -> bool:
         return False
 
 
-def test_a_drive_is_told_in_four_messages_a_second(late_sensor: list[Frame]) -> None:
-    sink = Sink()
-    player = Player(server=sink)
-    player.health["stale"] = ("rail_pressure_mpa",)
-    player.push(late_sensor)
-    player.feed.work(math.inf)
-    first, *rest = sink.messages
+def test_a_drive_is_told_in_four_messages_a_second(fed: Player, late_sensor: list[Frame]) -> None:
+    fed.health["stale"] = ("rail_pressure_mpa",)
+    fed.push(late_sensor)
+    fed.feed.work(math.inf)
+    first, *rest = fed.server.messages
     assert [c["name"] for c in first["conditions"]] == list(CONDITIONS)
     assert first["channel"] == "vcan0"
-    assert 50 * 4 * 0.9 < len(sink.lines) < 50 * 4 * 1.1
-    samples = [s for m in sink.messages for s in m["samples"]]
-    assert abs(len(samples) - player.pipeline.monitor.samples) <= 1
+    assert 50 * 4 * 0.9 < len(fed.server.lines) < 50 * 4 * 1.1
+    samples = [s for m in fed.server.messages for s in m["samples"]]
+    assert abs(len(samples) - fed.pipeline.monitor.samples) <= 1
     times = [t for t, *_ in samples]
     assert times == sorted(times)
     assert times[1] - times[0] == pytest.approx(100.0)
-    windows = [w for m in sink.messages for w in m["windows"]]
+    windows = [w for m in fed.server.messages for w in m["windows"]]
     assert [w["index"] for w in windows] == list(range(len(windows)))
     assert len(windows) >= 4
     assert {"lag_rich_to_lean_s", "dead_time_rich_to_lean_s", "gain", "offset"} <= set(
@@ -73,16 +76,16 @@ def test_a_drive_is_told_in_four_messages_a_second(late_sensor: list[Frame]) -> 
     told = dict(rest[-1]["memory"]["evidence"])
     assert told.pop("delay_rich_to_lean") == "found"
     assert set(told.values()) <= {"excluded", "–"}  # a drive with its answer needs no more time
-    assert abs(rest[-1]["vehicle_offset"] or 0.0) <= player.setup.limits.offset_high
+    assert abs(rest[-1]["vehicle_offset"] or 0.0) <= fed.setup.limits.offset_high
     named = {"absent": [], "stale": ["rail pressure"]}
-    assert rest[-1]["health"] == {**player.health, **named, "page_dropped": 0}
+    assert rest[-1]["health"] == {**fed.health, **named, "page_dropped": 0}
     # WHEN the codes are cleared THEN that is shown at once
     t_ns = late_sensor[-1].t_ns
-    for dtc in player.store.clear():
-        player.feed.push(DtcChanged(t_ns, dtc))
-    player.feed.close()
-    memory = sink.messages[-1]["memory"]
-    assert (memory["codes"], memory["fault_flag"], sink.is_closed) == ([], False, True)
+    for dtc in fed.store.clear():
+        fed.feed.push(DtcChanged(t_ns, dtc))
+    fed.feed.close()
+    memory = fed.server.messages[-1]["memory"]
+    assert (memory["codes"], memory["fault_flag"], fed.server.is_closed) == ([], False, True)
 
 
 def test_a_confirmed_code_its_lamp_and_its_healing_are_shown() -> None:
@@ -112,30 +115,24 @@ def test_a_confirmed_code_its_lamp_and_its_healing_are_shown() -> None:
     assert not tests["range"]
 
 
-def test_the_limits_are_those_of_the_driving_cycle() -> None:
-    sink = Sink()
-    player = Player(server=sink)
-    monitor = player.pipeline.monitor
+def test_the_limits_are_those_of_the_driving_cycle(fed: Player) -> None:
+    monitor = fed.pipeline.monitor
     # WHEN the reference of the vehicle has learned and the next one begins THEN the page is told
-    player.feed.work(0.0)
+    fed.feed.work(0.0)
     monitor.adopt(replace(monitor.limits, offset_high=0.03))
-    player.feed.push(CycleStarted(5, None))
-    player.feed.work(1.0)
-    player.feed.work(2.0)
-    highs = [message.get("limits", {}).get("offset_high") for message in sink.messages]
-    assert highs == [player.setup.limits.offset_high, 0.03, None]
+    fed.feed.push(CycleStarted(5, None))
+    fed.feed.work(1.0)
+    fed.feed.work(2.0)
+    highs = [message.get("limits", {}).get("offset_high") for message in fed.server.messages]
+    assert highs == [fed.setup.limits.offset_high, 0.03, None]
 
 
-def test_a_condition_says_what_it_sees(late_sensor: list[Frame]) -> None:
-    sink = Sink()
-    player = Player(server=sink)
+def test_a_condition_says_what_it_sees(fed: Player, late_sensor: list[Frame]) -> None:
     # GIVEN an engine whose air mass message falls silent
     silent = {f.can_id for f in late_sensor[:1]}
     begin_ns = late_sensor[0].t_ns
-    player.push(
-        [f for f in late_sensor[:8000] if f.can_id not in silent or f.t_ns < begin_ns + 30e9]
-    )
-    now = sink.messages[-1]["now"]
+    fed.push([f for f in late_sensor[:8000] if f.can_id not in silent or f.t_ns < begin_ns + 30e9])
+    now = fed.server.messages[-1]["now"]
     held, seen = (dict(zip(CONDITIONS, now[key], strict=True)) for key in ("held", "seen"))
     # THEN the conditions name what is missing, and the others what they see
     assert not held["inputs_valid"]
@@ -155,10 +152,11 @@ def test_a_value_that_is_missing_says_why(quality: Quality) -> None:
     assert why
 
 
-def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list[Frame]) -> None:
-    player = Player(server=Sink())
-    monitor, setup = player.pipeline.monitor, player.setup
-    ticks = [e for e in player.judged(late_sensor[:2000]) if isinstance(e, Tick)]
+def test_an_input_outside_the_training_is_named_with_its_bound(
+    fed: Player, late_sensor: list[Frame]
+) -> None:
+    monitor, setup = fed.pipeline.monitor, fed.setup
+    ticks = [e for e in fed.judged(late_sensor[:2000]) if isinstance(e, Tick)]
     conditions = ConditionWords(monitor, setup.config.enable, setup.model.card)
     place, rail = CONDITIONS.index("trained_range"), monitor.names.index("rail_pressure_mpa")
     tick = ticks[-1]
@@ -169,21 +167,20 @@ def test_an_input_outside_the_training_is_named_with_its_bound(late_sensor: list
     assert re.fullmatch(r"rail pressure 39\.0 MPa, above \d+\.\d+", conditions.seen(outside)[place])
 
 
-def test_fast_samples_are_thinned_out_to_ten_a_second(late_sensor: list[Frame]) -> None:
-    sink = Sink()
-    player = Player(server=sink)
-    ticks = [e for e in player.judged(late_sensor[:4000]) if isinstance(e, Tick)]
+def test_fast_samples_are_thinned_out_to_ten_a_second(
+    fed: Player, late_sensor: list[Frame]
+) -> None:
+    ticks = [e for e in fed.judged(late_sensor[:4000]) if isinstance(e, Tick)]
     # GIVEN a model with samples every 30 ms
-    card = replace(player.setup.model.card, period_ns=30_000_000)
-    player.setup.model.card = card
+    card = replace(fed.setup.model.card, period_ns=30_000_000)
+    fed.setup.model.card = card
     feed = feeds.LiveFeed(
-        sink, player.pipeline.monitor, player.setup, health=dict, channel="", say=print
+        fed.server, fed.pipeline.monitor, fed.setup, health=dict, channel="", say=print
     )
     for tick in ticks:
         feed.push(tick)
     feed.work(0.0)
-    # THEN every fourth is shown
-    times = [ms for ms, *_ in sink.messages[-1]["samples"]]
+    times = [ms for ms, *_ in fed.server.messages[-1]["samples"]]
     assert len(times) > 40
     assert {round(b - a) for a, b in pairwise(times)} == {4 * 100}
 
@@ -192,15 +189,14 @@ def test_a_server_that_takes_nothing_costs_samples_not_memory(
     late_sensor: list[Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(feeds, "SAMPLES", 100)
-    sink = Sink()
-    player = Player(server=sink)
-    sink.is_free = False
-    player.push(late_sensor[:4000])
-    assert not sink.lines
-    sink.is_free = True
-    player.feed.work(1e12)
-    (message,) = sink.messages
-    samples = player.pipeline.monitor.samples
+    fed = Player(server=Sink())
+    fed.server.is_free = False
+    fed.push(late_sensor[:4000])
+    assert not fed.server.lines
+    fed.server.is_free = True
+    fed.feed.work(1e12)
+    (message,) = fed.server.messages
+    samples = fed.pipeline.monitor.samples
     assert len(message["samples"]) == 100
     assert message["health"]["page_dropped"] == samples - 100
     assert message["samples"][-1][0] == pytest.approx((samples - 1) * 100.0)

@@ -189,8 +189,6 @@ LARGE = json.dumps({"samples": [[0, 1.0, 1.0, 1]] * 3000, "windows": []}).encode
 
 
 class Running:
-    """The server in a thread of the test."""
-
     def __init__(self) -> None:
         self.hub = Hub()
         self.page = Page(self.hub, lambda header: may_ask(header, "127.0.0.1", loopback=True))

@@ -92,7 +92,6 @@ def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
 
 
 def ecu_of(seed: int, until_s: float) -> ObdEcu:
-    """Return an ECU on the highway."""
     experiment = Experiment(
         cycle="hwfet", vehicle=2051, seed=seed, duration_s=until_s, conditions=WARM
     )
@@ -101,7 +100,6 @@ def ecu_of(seed: int, until_s: float) -> ObdEcu:
 
 
 def polled(setup: replay.Setup, seed: int, log: Path, until_s: float) -> dict[str, object]:
-    """Poll a drive, record it and return what the loop says."""
     with SimulatedBus(ecu_of(seed, until_s), until_s=until_s, seed=seed) as bus:
         loop = Loop(bus, setup, record=log, say=lambda _: None, monotonic_s=lambda: bus.now_s)
         loop.attachments.append(ObdPoller(PARAMETERS))
