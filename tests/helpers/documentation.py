@@ -27,7 +27,6 @@ class Block:
 
     @property
     def place(self) -> str:
-        """Return page and line."""
         return f"{self.page.name}:{self.line}"
 
     def skipped(self, command: str) -> bool:

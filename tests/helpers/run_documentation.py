@@ -129,7 +129,6 @@ def programs(folder: Path) -> None:
 
 
 def write(place: Path, text: str) -> None:
-    """Write a program."""
     place.write_text(text)
     place.chmod(0o755)
 

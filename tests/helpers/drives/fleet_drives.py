@@ -28,12 +28,10 @@ Tables = tuple[pl.DataFrame, pl.DataFrame]  # recordings and windows of a run
 
 @cache
 def drive(name: str) -> Recording:
-    """Give a shipped log, read once."""
     return load(LOGS / name)
 
 
 def write_piece(path: Path, name: str, first: int = 0, n: int = PIECE) -> Path:
-    """Write a piece of a shipped log as a table."""
     whole, piece = drive(name), slice(first, first + n)
     t_s = whole.t_s[piece] - whole.t_s[first]
     write_table(path, t_s, whole.names, whole.values[piece])
@@ -67,7 +65,6 @@ def run_deadly(
 
 
 def judged(given: list[str], out: Path, **options: Any) -> Tables:
-    """Judge a fleet with the shipped model; give its recordings and its windows."""
     kit = WorkerKit.of(shipped_model(), config.load())
     options = {"jobs": 1} | options
     run.run(drives_of(given), kit, out, lambda _: None, **options)
@@ -75,7 +72,6 @@ def judged(given: list[str], out: Path, **options: Any) -> Tables:
 
 
 def tables(out: Path) -> Tables:
-    """Give recordings and windows of a run."""
     first, second = (pl.read_parquet(each, glob=False) for each in (out, run.windows_path(out)))
     return first, second
 

@@ -32,6 +32,5 @@ def recording_of(
 def recording_of_samples(
     block: SampleBlock, names: Sequence[str], name: str = "simulated", sha256: str = ""
 ) -> Recording:
-    """Return samples at 10 Hz as a recording."""
     made = recording_of(dict(zip(names, block.values.T, strict=True)), name, sha256=sha256)
     return replace(made, t_s=(block.t_ns - block.t_ns[0]) / 1e9, quality=block.quality)

@@ -34,7 +34,6 @@ class Field:
 
 
 def mlg_header(version: int, fields: Sequence[Field], info: str = "") -> bytes:
-    """Return header and fields of an MLG log."""
     size = 55 if version == 1 else 89
     start = 22 if version == 1 else 24
     record = sum(np.dtype(field.dtype).itemsize for field in fields)
@@ -72,7 +71,6 @@ def _raw(field: Field, value: float) -> float:
 
 
 def mlg_marker(text: str, t_s: float) -> bytes:
-    """Return a marker block."""
     return b"\1\0" + struct.pack(">H", round(t_s * 1e5) % 65536) + text.encode().ljust(50, b"\0")
 
 
@@ -85,7 +83,6 @@ def write_mlg(
     version: int = 2,
     info: str = "",
 ) -> Path:
-    """Write an MLG log."""
     blocks = mlg_blocks(fields, values, t_s)
     path.write_bytes(mlg_header(version, fields, info) + b"".join(blocks))
     return path
@@ -109,8 +106,6 @@ def write_text_table(
     units: Sequence[str] = (),
     quoted: bool = False,
 ) -> Path:
-    """Write a text table in any dialect."""
-
     def cell(value: object) -> str:
         text = value if isinstance(value, str) else f"{value:.6g}"
         text = text.replace(".", ",") if comma and not isinstance(value, str) else text

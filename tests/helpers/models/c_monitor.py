@@ -23,8 +23,6 @@ TOLERANCE = 0.05  # of the evidence, a sum in single precision over all windows
 
 
 class Verdict(NamedTuple):
-    """A window's verdict."""
-
     k: int  # last sample
     kind: str
     outcome: str
@@ -75,7 +73,6 @@ def predicted(folder: Path, scratch: Path, u: FloatArray) -> FloatArray:
 
 
 def source_of(setup: Setup) -> ExportSource:
-    """Return what an export of the setup is made from."""
     return ExportSource(setup.model.card, setup.limits, setup.config)
 
 
@@ -112,13 +109,11 @@ def in_c(program: Sequence[Path | str], drives: Sequence[FloatArray]) -> list[Sa
 
 
 def content_of(drives: Sequence[FloatArray]) -> bytes:
-    """Return drives as the driver reads them."""
     parts = [np.uint32(len(d)).tobytes() + d.astype("<f4").tobytes() for d in drives]
     return b"".join(parts) + bytes(4)
 
 
 def said_by(text: str) -> list[Said]:
-    """Return what the driver printed."""
     found, verdicts, codes = list[Said](), list[Verdict](), []
     for kind, *words in map(str.split, text.splitlines()):
         if kind == "w":

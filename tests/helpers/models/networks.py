@@ -22,7 +22,6 @@ def network_of(
     hidden: tuple[int, ...] = (8, 8),
     first_lag: int = 1,
 ) -> Network:
-    """Return a network of these inputs and their ranges."""
     y_low, y_high = (0.0, 1.7) if transform == "phi" else (-3.0, 4.0)
     scaling = Scaling(
         u_mean=(low + high) / 2,

@@ -22,7 +22,6 @@ def judged_window(
     index: int = 0,
     measured: FloatArray = STILL,
 ) -> WindowJudged:
-    """Return a verdict on a window of five seconds."""
     n = len(measured)
     window = Window(
         index=index,

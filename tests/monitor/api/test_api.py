@@ -109,8 +109,6 @@ def listen(listener: OxygenSensorMonitor, now: Callable[[float], None]) -> None:
 
 
 class Clock:
-    """A monotonic clock that the test sets."""
-
     now_s = 0.0
 
     def set(self, t_s: float) -> None:

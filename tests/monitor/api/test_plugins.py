@@ -25,7 +25,6 @@ LATE = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder with the installed plug-ins."""
     folder = tmp_path_factory.mktemp("site")
     (source := folder / "source").mkdir()
     for path in filter(Path.is_file, PLUGINS.iterdir()):
@@ -63,7 +62,6 @@ def test_a_sink_takes_the_records_of_its_scheme(tmp_path: Path) -> None:
 
 
 def noisy_table(folder: Path, noise: float) -> Path:
-    """Write the healthy drive as a table, with noise on its lambda."""
     from training.recordings.recording import load, write_table
 
     drive = load(DRIVE)

@@ -32,9 +32,6 @@ def read(fault: Fault, phi: list[float], period_s: float = PERIOD_S) -> np.ndarr
     return 1.0 / faulty_readings(fault, 1.0 / np.array(phi), period_s)
 
 
-# Definitions
-
-
 @given(phis, lags_s, st.sampled_from(DIRECTIONS))
 def test_a_lag_is_the_first_order_step_response_on_the_edges_of_its_direction(
     phi: list[float], tau_s: float, direction: str
@@ -117,9 +114,6 @@ def test_a_reading_no_sensor_can_give_leaves_no_trace(name: str, reading: float)
     np.testing.assert_array_equal(np.delete(disturbed, 2), undisturbed)
 
 
-# Names and severities
-
-
 def test_every_fault_has_a_code() -> None:
     names = {*NAMES, *FAULTS}
     assert names <= set(CODES)
@@ -179,8 +173,6 @@ def test_faults_that_contradict_each_other_are_refused(names: tuple[str, str]) -
     with pytest.raises(UsageError, match=names[0]):
         combined([resolve(name, s) for name, s in zip(names, (0.3, 0.7), strict=True)])
 
-
-# The bank of hypotheses
 
 BANK = build(config.load().response)
 

@@ -28,7 +28,6 @@ PROGRAMS = ("o2mon", "o2train")
 
 @cache
 def parser_of(program: str, command: str) -> argparse.ArgumentParser:
-    """Return a program's parser with the options of a command."""
     return (o2mon if program == "o2mon" else o2train)._parser([command])
 
 
@@ -108,7 +107,6 @@ def test_every_option_that_names_a_file_has_a_role(program: str, words: tuple[st
 
 
 def alike(path: Path) -> list[Path]:
-    """Return other names of a file."""
     link, hard, folder = (path.with_name(name) for name in ("link", "hard", "folder"))
     link.symlink_to(path)
     hard.hardlink_to(path)

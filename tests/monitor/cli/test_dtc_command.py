@@ -19,7 +19,6 @@ Capture = pytest.CaptureFixture[str]
 
 @pytest.fixture
 def memory(tmp_path: Path) -> Path:
-    """Give a fault memory with a confirmed and a pending code."""
     path = tmp_path / "o2.db"
     store = DtcStore()
     for t_ns in (1_000_000_000, 1_780_000_000_000_000_000):

@@ -48,9 +48,6 @@ def test_a_checksum_across_bytes_is_refused(tmp_path: Path, start: int) -> None:
         BlockDecoder(bus_map_of(tmp_path, 8, signals, own), ["x0"])
 
 
-# Any frames of any layout, as cantools reads them
-
-
 @pytest.mark.parametrize("cut", range(1, 7))
 def test_an_answer_to_pid_4f_sets_the_range_of_what_follows(cut: int) -> None:
     # GIVEN lambda and pressure before, between and after ranges of 4 and 510 kPa, and of 0
@@ -69,7 +66,6 @@ def test_an_answer_to_pid_4f_sets_the_range_of_what_follows(cut: int) -> None:
 
 
 def raw_of(message: Message, signal: Signal, data: bytes) -> int | float:
-    """Return what cantools reads of one signal, unscaled."""
     raw = decode_data(
         data,
         message.length,
@@ -229,9 +225,6 @@ def assert_alike(
 cuts = st.lists(st.integers(0, 60), max_size=4)
 
 
-# The project's own ECU
-
-
 @st.composite
 def ecu_frames(draw: st.DrawFn) -> list[Frame]:
     """Frames whose counters advance, stand still or jump; some with a wrong bit or length."""
@@ -262,9 +255,6 @@ def test_protected_frames_give_the_same_values_and_counters(
     assert_alike(OWN, sorted(names), frames, cuts)
 
 
-# Answers of a scan tool's queries, told apart by multiplexers
-
-
 @inputs(200)
 @given(
     answers=st.lists(
@@ -287,9 +277,6 @@ def test_multiplexed_answers_give_the_same_values_and_counters(
         for i, (first, service, pid, rest) in enumerate(answers)
     ]
     assert_alike(OBD, sorted(names), frames, cuts)
-
-
-# Any layout
 
 
 @st.composite

@@ -51,7 +51,6 @@ def speed(t_ns: int, source: int, rpm: float, priority: int = 3) -> Frame:
 
 
 def decoded(bus_map: BusMap, frames: list[Frame]) -> list[float]:
-    """Return the values that frames give."""
     return values_of(bus_map, "engine_speed_rpm", frames)
 
 

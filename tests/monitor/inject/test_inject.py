@@ -35,9 +35,6 @@ from training.recordings.sensor_fault import faulty_readings
 readings = st.lists(st.floats(0.7, 1.4), min_size=2, max_size=60)
 
 
-# The sensor's faults in frame time
-
-
 BY_TIME = {"drift_lean", "drift_rich", "intermittent", "no_activity"}
 SILENT = {"heater", "not_ready", "signal_missing"}
 
@@ -91,9 +88,6 @@ def test_noise_has_its_standard_deviation_and_drop_outs_their_share() -> None:
     assert abs(noisy.mean() - 1.0) < 0.001
     lost = np.isnan([loose.push(n * 20 * MS, 1.0) for n in range(100_000)])
     assert lost.mean() == pytest.approx(0.2, abs=0.03)
-
-
-# In the frames
 
 
 # bits of ECU_Lambda: readiness, heater, and all others but lambda and the checksum
@@ -221,9 +215,6 @@ def test_a_message_known_by_its_group_is_changed_whoever_sends_it() -> None:
     faulty = list(Injector(bus_map, [Injection.of("biased_lean")]).stream(frames))
     assert values_of(bus_map, "lambda_measured", frames) == pytest.approx([1.0] * 5)
     assert values_of(bus_map, "lambda_measured", faulty) == pytest.approx([1.1] * 5)
-
-
-# The frames' own faults
 
 
 def test_lost_frames_leave_gaps_in_the_counter_or_none_if_it_is_kept() -> None:

@@ -39,7 +39,6 @@ FOUND = [name for name in CODES if name in NAMES and name not in SLOW]
 
 
 def inject(*words: str | Path) -> int:
-    """Run ``o2mon inject``; return the exit code."""
     return cli.main(["inject", *map(str, words)])
 
 

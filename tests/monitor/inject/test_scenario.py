@@ -150,9 +150,6 @@ def test_what_is_no_fault_is_refused(text: str, says: str) -> None:
     assert says in str(caught.value)
 
 
-# Comparing
-
-
 def recording(*dtcs: tuple[str, str, float | None], completed: bool = True) -> dict[str, Any]:
     entries = [
         {"code": code, "fault": "f", "state": state, "t_s": t_s} for code, state, t_s in dtcs

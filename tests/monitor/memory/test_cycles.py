@@ -50,9 +50,6 @@ def count(what: str, *stretches: Stretch, names: tuple[str, ...] = NAMES) -> int
     return [moment for moment, _ in moments(*stretches, names=names)].count(what)
 
 
-# Where a driving cycle begins
-
-
 @pytest.mark.parametrize(
     ("between", "expected"),
     [
@@ -108,9 +105,6 @@ def test_a_clock_that_steps_back_begins_nothing() -> None:
     back = drive._replace(t_ns=drive.t_ns - 200_000_000_000)
     found = [moment for part in (drive, back, drive) for _, moment in cycles.push(part).moments]
     assert "driving_cycle" not in found
-
-
-# What counts in it
 
 
 def test_an_engine_start_counts_after_two_seconds_and_once_in_a_driving_cycle() -> None:

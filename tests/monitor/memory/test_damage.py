@@ -30,7 +30,6 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Files]:
 
 @pytest.fixture
 def path(tmp_path: Path, kept: dict[str, Files]) -> Path:
-    """A memory with codes and a reference."""
     put(kept["closed"], tmp_path / "folder")
     return tmp_path / "folder" / "o2.db"
 

@@ -61,9 +61,6 @@ def test_what_is_driven_is_written_from_time_to_time_and_at_the_end(
     assert written_s[-1] == last_s > recording["samples"] * 0.1 * 0.9
 
 
-# Disks that take nothing
-
-
 @contextmanager
 def no_file_larger_than(n_bytes: int) -> Iterator[None]:
     """Let every write beyond a file's first so many bytes fail, as a full disk does."""

@@ -136,9 +136,6 @@ def test_a_healed_code_is_announced_where_the_next_driving_cycle_begins(
     assert counted.count("ignition_cycle") == 2
 
 
-# The ECU falls silent
-
-
 def communication(*stretches: Stretch) -> set[str]:
     """Return what the communication test says of the last stretch."""
     names = ("lambda_measured", "engine_speed_rpm")

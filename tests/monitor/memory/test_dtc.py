@@ -83,9 +83,6 @@ def test_codes_stand_in_the_order_of_their_failing_and_an_undecided_pair_under_b
     assert (store.active[3].fault, store.active[3].also) == ("slow_symmetric", ("transient",))
 
 
-# Erasing
-
-
 def test_a_healed_code_is_erased_after_forty_warm_up_cycles() -> None:
     store = confirmed()
     heal(store)
@@ -164,9 +161,6 @@ def test_the_profile_is_chosen_by_name_and_its_counts_may_be_changed(tmp_path: P
     profile = load(file).profile
     assert (profile.confirm_cycles, profile.warm_up_degc) == (2, 70.0)
     assert load().profile == CARB
-
-
-# Everything at once
 
 
 @dataclass

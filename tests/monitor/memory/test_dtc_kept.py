@@ -11,8 +11,6 @@ from monitor.memory.dtc_store import DtcStore, Saved
 from monitor.memory.obd_records import Counts, FreezeFrame
 from tests.helpers.memory.fault_store import CARB, confirmed, failing, frame_of, heal
 
-# Clearing and permanent codes
-
 
 def test_clearing_leaves_permanent_codes_ratios_and_ignition_cycles() -> None:
     store = confirmed()
@@ -74,9 +72,6 @@ def test_no_more_permanent_codes_are_kept_than_the_profile_says() -> None:
     assert store.saved.permanent["P2195"] == "stuck_lean"
 
 
-# Freeze frames
-
-
 def test_the_signals_of_the_first_failing_are_replaced_by_those_of_the_confirming() -> None:
     store = DtcStore()
     for cycle, expected in ((1, 11), (2, 21), (3, 21)):
@@ -95,9 +90,6 @@ def test_confirmed_codes_come_first_among_the_freeze_frames_then_the_earlier_one
     store.start_driving_cycle()
     failing(store, "slow_symmetric", 4)
     assert list(store.freeze_frames) == ["P0133", "P2196", "P2A00"]
-
-
-# Readiness, ratios, counts
 
 
 def test_a_test_is_ready_when_it_has_passed_or_failed_since_clearing() -> None:

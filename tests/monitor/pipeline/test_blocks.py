@@ -180,9 +180,6 @@ def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
         RecordingJudge(NAMES, Model.load(shipped_model()), TIGHT, SHIPPED)
 
 
-# The parts
-
-
 @pytest.mark.parametrize("period_s", [0.1, 0.07, 1.0])
 @given(
     lengths=st.lists(st.integers(1, 200), min_size=1, max_size=6),

@@ -47,7 +47,6 @@ LIMITS = Limits.from_card(MODEL.card, SETTINGS, "shipped")
 
 
 def blocks_of(frames: list[Frame], sizes: Sequence[int]) -> Iterator[FrameBlock]:
-    """Yield frames in blocks of these sizes, in turn."""
     left, turns = frames, cycle(sizes)
     while left:
         size = next(turns)
@@ -99,8 +98,6 @@ def test_a_live_sample_leaves_with_the_frame_behind_it(frames: list[Frame], size
         list(samples.push(block))
         assert len(samples.flush().t_ns) == 0
 
-
-# From files to verdicts
 
 SETUP = set_up(None, (), SETTINGS)
 # short times, so that short logs reach windows, verdicts and codes, far from what was trained

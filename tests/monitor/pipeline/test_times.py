@@ -48,7 +48,6 @@ def later(frames: FrameBlock, place: int, step_s: float, n: int | None = None) -
 
 
 def without(frames: FrameBlock, begin_s: float, end_s: float) -> FrameBlock:
-    """Return frames without those of some seconds."""
     t_s = (frames.t_ns - BEGIN_NS) / S
     return chosen(frames, (t_s < begin_s) | (t_s >= end_s))
 

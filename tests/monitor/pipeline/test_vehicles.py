@@ -45,7 +45,6 @@ Replayed = Callable[..., tuple[int, str, dict[str, Any]]]
 
 @pytest.fixture(scope="session")
 def vehicles(shared_data: Path) -> Path:
-    """Give the folder of the road recordings, or skip."""
     folder = shared_data / "vehicles"
     if not folder.is_dir():
         pytest.skip("the road recordings (../shared/data/vehicles) are not here")
@@ -67,7 +66,6 @@ def me7(vehicles: Path) -> Path:
 def fitted(
     out: Path, recording: Path, columns: Path | None, *names: str, budget: str = "0.03"
 ) -> Path:
-    """Return a small model of the recording."""
     mapped = ["--columns", str(columns)] if columns else []
     signals = ["--inputs", *names[:-1], "--output", names[-1], "--out", str(out)]
     size = [*SMALL, "--budget", budget]
@@ -77,7 +75,6 @@ def fitted(
 
 @pytest.fixture(scope="session")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a folder with the columns maps."""
     found = tmp_path_factory.mktemp("vehicles")
     (found / "mx5.toml").write_text(MX5)
     (found / "guessed.toml").write_text(MX5 + GUESSED)
@@ -116,7 +113,6 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 
 
 def edited(source: Path, out: Path, edit: Callable[[list[str], Rows], Rows]) -> Path:
-    """Write a table with other rows."""
     with gzip.open(source, "rt", newline="") as file:
         header, *rows = csv.reader(file)
     with out.open("w", newline="") as file:

@@ -18,7 +18,6 @@ from tests.helpers.logs.bus_maps import ECU_S, OWN, RUSEFI, ecu
 
 
 def check(frames: list[Frame], bus_map: BusMap) -> CheckResult:
-    """Return the check of some frames in blocks."""
     half = len(frames) // 2
     return check_blocks([block_of(frames[:half]), block_of(frames[half:])], bus_map)
 

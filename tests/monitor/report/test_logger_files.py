@@ -24,7 +24,6 @@ UNITS = {**TUNER_UNITS, "lambda_controller": ("EGO", "", 0.01, 0.0)}
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a healthy drive as an own table."""
     return table(tmp_path_factory.mktemp("own") / "drive.csv")
 
 
@@ -71,18 +70,18 @@ def test_a_logger_s_file_is_judged_like_the_same_drive_in_canonical_columns(
     assert abs(enabled[0] - enabled[1]) <= 5  # of thousands: values at the edge of a range
 
 
+READINGS = {LAMBDA: drive(300)["afr"] / 14.7}
+
+
 def torque(path: Path, **more: np.ndarray | list[str]) -> Path:
     d = drive(n=300, period_s=1.0)
     names = {"Engine RPM(rpm)": d["rpm"], "Intake Manifold Pressure(psi)": d["map_kpa"] / 6.894757}
-    clock = [f"{t // 60:02.0f}:{t % 60:04.1f}" for t in 3500.0 + d["t_s"]]
-    clock = [f"{int(t[:2]) % 60:02d}{t[2:]}" for t in clock]
+    clock = [f"{t // 60 % 60:02.0f}:{t % 60:04.1f}" for t in 3500.0 + d["t_s"]]
     return write_text_table(path, {"Device Time": clock, **names, **more})
 
 
 def test_check_says_profile_range_and_what_is_missing(tmp_path: Path, capsys: Capture) -> None:
-    lambda_ = {LAMBDA: drive(300)["afr"] / 14.7}
-    path = torque(tmp_path / "drive.csv", **lambda_)
-    assert cli.main(["check", str(path)]) == 0
+    assert cli.main(["check", str(torque(tmp_path / "drive.csv", **READINGS))]) == 0
     text = capsys.readouterr().out
     assert "profile: torque, recognised by its columns" in text
     assert "300 rows in 299.0 s, 1 rows/s; used on a grid of 1 s" in text
@@ -91,7 +90,7 @@ def test_check_says_profile_range_and_what_is_missing(tmp_path: Path, capsys: Ca
     assert "note: 1 time the clock started again" in text
     assert "its end" not in text
     # a lambda that hardly ever leaves its greatest value is told
-    held = np.where(np.arange(300) < 10, lambda_[LAMBDA], 1.34)
+    held = np.where(np.arange(300) < 10, READINGS[LAMBDA], 1.34)
     assert cli.main(["check", str(torque(tmp_path / "rail.csv", **{LAMBDA: held}))]) == 0
     assert "97% at 1.34, its end" in capsys.readouterr().out
 
@@ -126,13 +125,12 @@ def test_an_unknown_logger_gets_a_profile_to_edit(tmp_path: Path, capsys: Captur
 
 
 def test_replay_without_a_model_of_the_car_says_what_to_do(tmp_path: Path, capsys: Capture) -> None:
-    lambda_ = {LAMBDA: drive(300)["afr"] / 14.7}
-    path = torque(tmp_path / "drive.csv", **lambda_)
+    path = torque(tmp_path / "drive.csv", **READINGS)
     assert cli.main(["replay", str(path)]) == 3
     out = capsys.readouterr().out
     assert ", which this log (torque) lacks; train a model on healthy drives" in out
     flow = {"Mass Air Flow Rate(g/s)": ["0"] * 300, "Fuel Rail Pressure(psi)": ["0"] * 300}
-    assert cli.main(["replay", str(torque(tmp_path / "still.csv", **lambda_, **flow))]) == 3
+    assert cli.main(["replay", str(torque(tmp_path / "still.csv", **READINGS, **flow))]) == 3
     said = "(column Mass Air Flow Rate(g/s) is blank, or 0 throughout, column Fuel Rail"
     assert said in capsys.readouterr().out
     assert cli.main(["replay", str(torque(tmp_path / "blind.csv"))]) == 2
@@ -187,7 +185,7 @@ def test_a_log_with_the_rear_sensor_alone_is_for_the_catalyst(
 def test_where_the_profile_knows_no_sensor_another_one_is_offered(
     tmp_path: Path, capsys: Capture
 ) -> None:
-    own = {"Front wideband lambda": drive(300)["afr"] / 14.7}
+    own = {"Front wideband lambda": READINGS[LAMBDA]}
     assert cli.main(["check", str(torque(tmp_path / "own.csv", **own))]) == 3
     said = capsys.readouterr().out.splitlines()[-1]
     assert said.startswith("columns with other names? 'o2mon check")

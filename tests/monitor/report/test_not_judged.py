@@ -21,8 +21,6 @@ Change = Callable[[Columns], None]
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What a replay gave."""
-
     exit_code: int
     out: str
     page: str
@@ -30,7 +28,6 @@ class Replayed:
 
     @property
     def causes(self) -> list[tuple[str, str | None, str]]:
-        """Return condition, signal and reason of each cause."""
         found = self.recording["not_judged"] or []
         return [(c["condition"], c["signal"], c["reason"]) for c in found]
 
@@ -40,8 +37,6 @@ Replay = Callable[[Change], Replayed]
 
 @pytest.fixture
 def replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Replay:
-    """Give a replay of the healthy drive after a change."""
-
     def run(change: Change) -> Replayed:
         path = table(tmp_path / "drive.csv", change)
         page = tmp_path / "page.html"
@@ -62,7 +57,6 @@ def held(name: str, value: float, seconds: float | None = None) -> Change:
 
 
 def stopped(data: Columns) -> None:
-    """Let the engine stand and its sensor fall silent."""
     held("engine_speed_rpm", 0.0, 2.0)(data)
     held("lambda_measured", np.nan, 1.5)(data)
 
@@ -179,13 +173,11 @@ def test_a_check_names_what_blocks(tmp_path: Path, capsys: pytest.CaptureFixture
 
 @pytest.fixture(scope="module")
 def drive() -> list[Frame]:
-    """Give two minutes of a healthy drive."""
     return frames_of("healthy_micro_trips", 120.0)
 
 
 @pytest.fixture
 def deaf(drive: list[Frame], tmp_path: Path) -> Path:
-    """Give the drive without the message of the sensor."""
     return write(tmp_path / "deaf.blf", [f for f in drive if f.can_id != LAMBDA_ID])
 
 

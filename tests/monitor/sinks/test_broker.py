@@ -36,7 +36,6 @@ def program(name: str) -> str:
 
 
 def accepts(port: int) -> bool:
-    """Return whether a server listens at the port."""
     try:
         socket.create_connection(("127.0.0.1", port), 0.2).close()
     except OSError:

@@ -23,14 +23,12 @@ LATE = next((ROOT / "replay_logs").glob("delay_rich_to_lean_*.blf"))
 
 
 def replayed(out: Path, *options: str) -> list[dict[str, Any]]:
-    """Return the records that a replay of the late drive writes."""
     cli.main(["replay", str(LATE), "--quiet", "--sink", f"jsonl:{out}", *options])
     return [json.loads(line) for line in out.read_text().splitlines()]
 
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Told:
-    """Give the records of the late drive, and what the replay's JSON says of it."""
     folder = tmp_path_factory.mktemp("lines")
     records = replayed(folder / "out.jsonl", "--json", str(folder / "out.json"))
     return records, json.loads((folder / "out.json").read_text())["recordings"][0]
