@@ -16,8 +16,15 @@ import can
 import isotp
 import numpy as np
 
-from monitor.base.types import FloatArray
+from monitor.base.types import FloatArray, Frame
+from monitor.bus.link.recorder import message_of
+from monitor.bus.polling.pids import wanted
+from monitor.bus.polling.poller import ObdPoller
+from monitor.decode.log_blocks import EngineAnswers
+from monitor.frames.blocks import block_of, frames_of
+from monitor.frames.logs import frame_of
 from tests.helpers.bus.beside import beside
+from tests.helpers.logs.bus_maps import OBD, Decoding
 
 Row = Mapping[str, float]
 Bytes = Callable[[Row], float | int]
@@ -45,6 +52,7 @@ J1979: dict[int, tuple[int, Bytes]] = {
     # of four cylinders, gasoline of 745 g/l
     0x5E: (2, lambda r: r["fuel_mass_mg"] * r["engine_speed_rpm"] * 2 * 60 / 745e3 * 20),
 }
+PARAMETERS = wanted(OBD, OBD.names)
 SUPPORTED = tuple(pid for pid in J1979 if pid != 0x24)
 STEADY = {
     "closed_loop": 1.0,
@@ -227,3 +235,55 @@ class SimulatedBus(can.BusABC):
             data=data,
         )
         return message, False
+
+
+class Conversation:
+    """A poller and an ECU on a simulated bus, with what the decoder makes of it."""
+
+    def __init__(self, ecu: ObdEcu, **options: Any) -> None:
+        self.said: list[str] = []
+        self.poller = ObdPoller(PARAMETERS, say=self.said.append, **options)
+        self.ecu = ecu
+        self.bus = SimulatedBus(ecu)
+        self.decoding = Decoding(OBD, OBD.names)
+        self._answers = EngineAnswers(self.decoding.decoder.plans)
+        self._values: dict[str, list[float]] = {n: [] for n in self.decoding.decoder.channels}
+        self._n_decoded = 0
+        self.frames: list[Frame] = []
+
+    def run(self, seconds: float) -> "Conversation":
+        until_s = self.bus.now_s + seconds
+        while self.bus.now_s < until_s:
+            self._send()
+            left_s = min(self.poller.due_s, until_s) - self.bus.now_s
+            message = self.bus.recv(min(max(left_s, 0.0), 0.1))
+            if message is not None:
+                self.frames.append(frame := frame_of(message))
+                self.poller.receive(frame)
+                self._send()
+        return self
+
+    def answered_with(self, answers: list[bytes] | None, seconds: float) -> "Conversation":
+        """Go on while the ECU gives these answers to all it is asked, or its own again."""
+        self.ecu.override = lambda _: answers
+        return self.run(seconds)
+
+    def _send(self) -> None:
+        for frame in self.poller.work(self.bus.now_s):
+            self.bus.send(message_of(frame))
+
+    @property
+    def values(self) -> dict[str, list[float]]:
+        new, self._n_decoded = self.frames[self._n_decoded :], len(self.frames)
+        for found in self.decoding.push(list(frames_of(self._answers.push(block_of(new))))):
+            for name, value in (found or {}).items():
+                self._values[name].append(value)
+        return self._values
+
+    @property
+    def asked(self) -> list[tuple[int, ...]]:
+        return [tuple(request[1:]) for _, request in self.ecu.asked]
+
+    @property
+    def polled(self) -> set[int]:
+        return set(self.poller.schedule.timeouts_s)

@@ -16,6 +16,7 @@ from training.narx.linear.models import LinearModel, Stretch
 RNG = np.random.default_rng
 PERIOD_S = 0.1
 FINE = 10  # solution steps per sample
+TANK_PERIOD_S = 0.25
 
 
 def held_steps(n: int, k: int, rng: np.random.Generator, longest: int = 25) -> FloatArray:
@@ -66,3 +67,21 @@ def modes(n: int, rng: np.random.Generator, poles: FloatArray, disturbed: float)
 def fit_arx(records: Sequence[Stretch], na: int, nb: int, *delays: int) -> LinearModel:
     """The least-squares ARX model with orders ``na`` and ``nb`` and a dead time for each input."""
     return solve_arx(triangle(records, na, max(delays) + nb - 1), na, nb, delays)
+
+
+def leaking_tank(
+    n: int, seed: int, leak_mean: float, longest: int = 60
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Valve, leak and measured level of a tank that empties by the root of its level.
+
+    longest : most samples for which the valve holds
+    """
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum(rng.integers(5, longest, n))
+    valve = rng.uniform(0, 1, n)[np.searchsorted(edges, np.arange(n), side="right")]
+    leak = leak_mean + 0.3 * np.sin(np.arange(n) / 37.0) + 0.02 * rng.standard_normal(n)
+    level, measured = 1.0, np.empty(n)
+    for t in range(n):
+        level = max(level + 0.08 * valve[t - 2 if t > 1 else 0] - 0.06 * leak[t] * level**0.5, 0)
+        measured[t] = level + 0.005 * rng.standard_normal()
+    return valve, leak, measured

@@ -166,7 +166,6 @@ def test_an_undecided_test_hides_neither_what_failed_nor_what_passed() -> None:
         clock.set(message.timestamp)
         listener.on_message_received(message)
     short = listener.verdict
-    # THEN every test says how it ended
     assert tests.pop("response") == "failed"
     assert set(tests.values()) == {"passed"}
     assert not short.is_judged

@@ -59,9 +59,7 @@ def test_a_folder_without_rights_is_refused_before_the_work(
     locked = drive.parent / "locked"
     locked.mkdir()
     monkeypatch.setattr("os.access", lambda path, mode: Path(path) != locked)
-    # WHEN a model is to be fitted into it
     words = ["fit", str(drive), "--out", str(locked / "model.onnx")]
-    # THEN the command ends at once
     assert o2train.main(words) == 2
     assert f"{locked / 'model.onnx'}: the folder may not be written to" in capsys.readouterr().err
 

@@ -105,7 +105,6 @@ def test_a_map_lacks_only_what_neither_its_messages_nor_its_derived_signals_prov
     frames = [f for f in ecu(RUSEFI) if f.can_id != lacking]
     part = tmp_path / "part.toml"
     part.write_text("".join(line for line in text.splitlines(True) if "FpHigh" not in line))
-    # WHEN the doctor knows the model
     options = ["--dbc", str(dbc.path("rusefi.dbc")), "--model", str(shipped_model()), "--map"]
     whole, lacks = (doctor(frames, *options, str(m))[1] for m in (dbc.path("rusefi.toml"), part))
     # THEN the message is at fault, and the map only where it is
@@ -121,9 +120,7 @@ def test_answers_of_an_engine_with_29_bit_diagnostics_are_those_that_a_run_reads
     speed = bytes.fromhex("04410C1AF8000000")
     frames = [Frame(i * 20_000_000, 0x18DAF110, True, speed) for i in range(40)]
     options = [f"--dbc={dbc.path('obd2.dbc')}", f"--map={dbc.path('obd2.toml')}"]
-    # WHEN the doctor listens with the map of 7E8
     _, said = doctor(frames, *options)
-    # THEN it has heard the engine
     assert "No frame on this bus" not in said
     assert re.search(r"7E8 +\d\d", said), said
 

@@ -237,7 +237,6 @@ def test_what_comes_from_the_bus_under_an_identifier_of_the_loop_is_refused(
     foreign = [Frame(late_sensor[4000].t_ns, FIRST_ID + n, True, b"\x01") for n in range(3)]
     record = tmp_path / "foreign.log"
     live, _ = run_on([*late_sensor[:4000], *foreign, *late_sensor[4000:8000]], setup, record=record)
-    # THEN nothing changes by it
     alone, _ = run_on(late_sensor[:8000], setup)
     assert judged(live) == judged(alone)
     mark, *frames = read_frames(record)
@@ -255,7 +254,6 @@ class Clearing(Ear):
 def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
     setup: replay.Setup, late_sensor: list[Frame], tmp_path: Path
 ) -> None:
-    # GIVEN a drive with a code, which is then cleared
     record = tmp_path / "cleared.log"
     asked = Frame(late_sensor[-1].t_ns, 0x6F0, False, b"")
     tester = Clearing()
@@ -266,7 +264,6 @@ def test_codes_that_a_tester_clears_are_cleared_in_a_replay_of_the_recording(
         tester.clear, bus.stop = loop.clear_codes, loop.stop
         loop.run()
     live = loop.result("played")
-    # THEN it was set and is gone
     states = [e.dtc.state for e in tester.events if isinstance(e, DtcChanged)]
     assert "pending" in states
     assert live["dtcs"] == []

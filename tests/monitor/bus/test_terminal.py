@@ -192,7 +192,6 @@ def test_a_run_that_is_ended_from_outside_says_and_stores_what_it_found(
         manager.settimeout(120.0)
         assert "READY=1" in heard(manager)
         assert "WATCHDOG=1" in heard(manager)
-        # WHEN it is to end
         for each in signals:  # a hang-up comes from the kernel and from the shell
             process.send_signal(each)
         records, words = process.communicate(timeout=60.0)

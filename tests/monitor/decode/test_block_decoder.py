@@ -57,7 +57,6 @@ def test_an_answer_to_pid_4f_sets_the_range_of_what_follows(cut: int) -> None:
         Frame(0, 0x7E8, False, bytes.fromhex(text))
         for text in (lambdas, ranges[0], lambdas, pressure, ranges[1], lambdas, pressure)
     ]
-    # WHEN they come in two blocks
     subject = Decoding(OBD, ["lambda_measured", "manifold_pressure_kpa"])
     values = [v for v in in_blocks(subject, frames, [cut]) if v]
     # THEN each value has the range that was told last, none being the standard one

@@ -57,7 +57,6 @@ def decoded(bus_map: BusMap, frames: list[Frame]) -> list[float]:
 def test_a_wrong_source_address_in_the_database_hides_no_message(folder: Path) -> None:
     # GIVEN a database that states address 3, and an engine that sends under 0 and another priority
     frames = [speed(1, 0, 800.0), speed(2, 0, 900.0, priority=6)]
-    # THEN its frames are decoded
     assert decoded(bus(folder, 3), frames) == [800.0, 900.0]
 
 
@@ -74,7 +73,6 @@ def test_senders_that_the_database_parts_are_known_by_their_addresses(folder: Pa
 def test_messages_of_one_group_and_address_are_parted_by_their_priorities(folder: Path) -> None:
     # GIVEN a database with the engine's group under priorities 3 and 6
     frames = [speed(1, 0, 800.0), speed(2, 0, 1.0, priority=6)]
-    # THEN each message has its own frames
     assert decoded(bus(folder, 0, other=0x0C000000), frames) == [800.0]
 
 

@@ -215,7 +215,6 @@ def test_frames_in_any_order_and_in_any_blocks_give_the_bits_of_the_rules(
         times += [(newest_ms + step_ms) * MS] * repeats
         frames += [frame] * repeats
         newest_ms = max(newest_ms, newest_ms + step_ms)
-    # WHEN they come one by one, and in blocks
     reference = SlowAssembler(CHANNELS, NAMES, period_ms * MS, TIMEOUTS_NS, [RECIPE])
     expected: list[Sample] = []
     for k, (t_ns, frame) in enumerate(zip(times, frames, strict=True)):
@@ -228,7 +227,6 @@ def test_frames_in_any_order_and_in_any_blocks_give_the_bits_of_the_rules(
         inside = [gap - begin for gap in gaps if begin <= gap < end]
         t_ns_of = np.array(times[begin:end], dtype=np.int64)
         found += singly(subject.push(t_ns_of, decoded(frames[begin:end]), inside))
-    # THEN the samples are the same
     assert bits(found) == bits(expected)
     assert subject.counters == reference.counters
 

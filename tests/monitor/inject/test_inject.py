@@ -138,7 +138,6 @@ def test_lambda_is_changed_in_the_range_that_pid_4f_told(name: str) -> None:
         for most, per in n_per_lambda.items()
     }
     asked[4].insert(0, Frame(0, 0x7E8, False, told))
-    # WHEN one fault is put on both
     faulty = {m: list(Injector(OBD, [Injection.of(name)]).stream(f)) for m, f in asked.items()}
     # THEN the decoder takes the same readings from both, which are not those of the ECU
     seen, wide = (values_of(OBD, "lambda_measured", faulty[most]) for most in (2, 4))

@@ -212,7 +212,6 @@ def test_answers_under_29_bits_are_changed_as_those_under_11(
     for name, key, long in (("11.log", 0x7E8, False), ("29.log", 0x18DAF110, True)):
         write(tmp_path / name, [Frame(n * 100 * MS, key, long, a) for n, a in enumerate(answers)])
         out = tmp_path / f"out{name}"
-        # WHEN a fault is put on each
         assert inject(tmp_path / name, "--fault", "biased_lean", "--out", out, *maps) == 0
     # THEN the same readings come out under the ECU's identifiers, and not the ECU's
     short, long_ = (list(read_frames(tmp_path / f"out{n}.log")) for n in (11, 29))
@@ -236,7 +235,6 @@ def test_a_table_with_a_late_sensor_has_the_code_of_a_late_sensor(
         '[[fault]]\nname = "delay_rich_to_lean"\nstart_s = 60.0\n'
         '[[expect]]\ncode = "P015A"\nwithin_s = 120.0\n'
     )
-    # WHEN it is put on and judged at once
     assert inject(healthy, "--scenario", scenario, "--assert", "--out", late) == 0
     assert "P015A pending (delay_rich_to_lean)" in capsys.readouterr().out
     # THEN the written table has the same verdict, and only lambda differs, from 60 s on

@@ -83,7 +83,6 @@ def test_awkward_signals_are_written_as_another_encoder_writes_them(
     definition = bus_map.channels["lambda_measured"].message
     payload = data.draw(st.binary(min_size=definition.length, max_size=definition.length))
     value = data.draw(st.floats(0.51, 1.99))
-    # WHEN lambda is rewritten
     writer = writer_of(bus_map)
     written = writer.write(payload, {"lambda_measured": value})
     # THEN the project's decoder and cantools read it within half a step

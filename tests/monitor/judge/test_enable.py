@@ -208,7 +208,6 @@ def test_a_recovery_time_is_exact_in_samples_from_the_last_break(
 def test_a_reading_at_the_end_of_its_range_is_judged_in_fuel_cut_only(
     names: tuple[str, ...], cut: float, blocked: set[str]
 ) -> None:
-    # GIVEN a settled drive
     bench = Bench(names)
     bench.settle()
     # WHEN the reading stands at the end of its range, with fuel, without, or nobody knows
@@ -246,7 +245,6 @@ def test_a_fast_change_of_purge_blocks_while_it_lasts_and_until_it_is_taken_up(
 ) -> None:
     # GIVEN a valve that is open and goes far further open in one sample
     after = GOOD["purge_duty_percent"] + CONFIG.purge_step_percent + 1.0
-    # WHEN it stays there
     blocked = [blocking(settled.step(purge_duty_percent=after)) for _ in range(60)]
     # THEN the samples within a second of the change block, and the recovery time after the last
     last = round(1.0 / PERIOD_S) - 1 + round(CONFIG.purge_recovery_s / PERIOD_S)

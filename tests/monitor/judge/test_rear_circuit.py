@@ -216,7 +216,6 @@ def test_a_fuel_cut_decides_nothing(stores: bool) -> None:
 
 
 def test_a_sensor_that_is_later_than_transport_and_lag_never_makes_an_empty_can_pass_soon() -> None:
-    # a rear sensor that follows after 0.7 s still follows
     assert judged(stores=False, late_s=0.7).claim().outcome == "failed"
 
 

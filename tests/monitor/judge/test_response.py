@@ -252,9 +252,7 @@ def test_a_mixture_that_hardly_moves_decides_nothing() -> None:
     rng = np.random.default_rng(2)
     still = 1.0 + (predicted - 1.0) * 0.01
     read = 1.0 + (measured - 1.0) * 0.01 + rng.normal(0.0, errors().noise, len(measured))
-    # WHEN the windows are judged
     found = judge(read, still, new_rule())
-    # THEN none is decided
     assert {v.outcome for v in found} == {"inconclusive"}
 
 
@@ -308,7 +306,6 @@ def test_an_offset_of_the_measurement_does_not_change_the_verdict(offset: float,
 
 
 def test_after_a_repair_the_sensor_passes_within_a_driving_cycle() -> None:
-    # GIVEN a late sensor that has been found
     rule = new_rule()
     before = judge(*drive(late("symmetric", 0.6), 7), rule)
     assert before[-1].outcome == "failed"
@@ -334,7 +331,6 @@ def test_one_window_says_no_more_than_half_of_what_decides() -> None:
     measured, predicted = (x[:WINDOW] for x in drive(healthy, 21, 60.0))
     step, early = np.zeros((2, WINDOW))
     step[25:] = early[15:] = 0.3
-    # WHEN it is judged
     (found,) = judge(measured + step, predicted + early, new_rule())
     # THEN it speaks for a late sensor by so much, and no more
     assert found.statistics.hypothesis.startswith("delay")

@@ -74,7 +74,6 @@ def test_a_file_that_is_gone_is_made_anew_and_the_line_says_how_to_begin_anew(pa
 
 
 def test_a_lost_memory_is_announced_until_its_code_is_stored(path: Path) -> None:
-    # GIVEN a memory that is lost
     damage(path)
     # WHEN processes open it and are killed before they have judged a sample
     for _ in range(3):
@@ -119,7 +118,6 @@ def test_a_replay_on_a_lost_memory_says_so_sets_p062f_and_no_exit_code_1(
 ) -> None:
     damage(path)
     healthy = replay_log("healthy_micro_trips")
-    # WHEN a healthy drive is judged on a memory that is lost
     code, (recording,) = replays(healthy, "--memory", path)
     # THEN it is judged, the loss is in text, JSON and codes, and it is no fault of the vehicle
     aside = path.with_name("o2.db-damaged-1")

@@ -63,7 +63,6 @@ def test_two_drives_in_one_stream_are_judged_as_in_two_recordings(
     one, two = DtcStore(), DtcStore()
     stream = judge(both, setup, one)
     apart = [judge(late_sensor, setup, two) for _ in range(2)]
-    # THEN the same codes become pending and confirmed
     assert codes(apart[0]) == [("P015A", "pending")]
     assert codes(apart[1])[-1] == ("P015A", "confirmed")
     in_stream = [state for code, state in codes(stream) if code == "P015A"]
@@ -98,7 +97,6 @@ def test_a_code_keeps_the_signals_of_its_setting_beside_the_latest_results_of_se
 def test_what_was_found_before_clearing_is_forgotten_and_found_again(
     setup: replay.Setup, late_sensor: list[Frame]
 ) -> None:
-    # GIVEN a code that is pending
     store = DtcStore()
     store.start_driving_cycle()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)

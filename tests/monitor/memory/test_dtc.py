@@ -25,7 +25,6 @@ def test_a_code_is_pending_in_the_first_failing_cycle_confirmed_in_the_next(faul
     store = DtcStore()
     assert (states(store), store.fault_flag) == ({}, False)
     for t_ns, state in ((7, "pending"), (3, "confirmed")):
-        # WHEN the fault's test fails
         changed = store.fail(fault, t_ns)
         # THEN its codes, and no others, have the state; they keep it when it fails once more
         assert sorted(dtc.code for dtc in changed) == sorted(CODES[fault])
@@ -33,7 +32,6 @@ def test_a_code_is_pending_in_the_first_failing_cycle_confirmed_in_the_next(faul
         assert states(store) == dict.fromkeys(CODES[fault], state)
         assert {dtc.t_ns for dtc in store.active} == {t_ns}
         assert store.fault_flag == (fault not in OF_MONITOR)
-        # AND when the next driving cycle begins
         store.start_driving_cycle()
         assert states(store) == dict.fromkeys(CODES[fault], state)
 

@@ -32,7 +32,6 @@ def is_found(offset: float, reference: Reference) -> bool:
 def test_no_fuel_makes_a_known_vehicle_faulty(piece: float, fuels: list[float]) -> None:
     # GIVEN a vehicle known from drives with any fuels from E0 to E10
     reference = learned([piece + SPAN * fuel for fuel in fuels])
-    # THEN none of these fuels is a fault
     assert not any(is_found(piece + SPAN * fuel, reference) for fuel in (0.0, 0.5, 1.0))
 
 
@@ -42,7 +41,6 @@ def test_an_offset_is_found_once_the_fuels_are_known(
 ) -> None:
     # GIVEN a vehicle that was seen with pure petrol and with E10
     reference = learned([piece, piece + SPAN])
-    # THEN an offset of 0.05 is found with any fuel in the tank
     assert is_found(piece + SPAN * fuel + sign * 0.05, reference)
 
 

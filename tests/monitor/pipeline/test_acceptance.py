@@ -53,7 +53,6 @@ def test_predictions_forget_their_history_within_fifty_samples(drives: Drives) -
         # WHEN all see the same fifty samples
         for row in u[first + 1 : first + 51]:
             predicted = model.step_batch(np.repeat(row[None], 16, axis=0))
-        # THEN they agree
         assert np.ptp(1.0 / predicted) <= 0.01
 
 

@@ -40,7 +40,6 @@ def test_a_voltage_that_mostly_rests_is_no_evidence_of_an_offset() -> None:
         conditions=vehicle.conditions(1124)._replace(overrun_cut=0.0),
     )
     block, names = sampled(drive, np.random.default_rng(1124))
-    # WHEN the catalyst is judged
     monitor = CatalystMonitor(config.shipped(), names, 0.1)
     running = np.ones(len(block.values), dtype=np.bool_)
     deque(monitor.push(block.values, running), maxlen=0)

@@ -37,7 +37,7 @@ from tests.helpers.examples import inputs
 from tests.helpers.logs.batch_logs import logs
 from tests.helpers.logs.bus_maps import OWN
 from tests.helpers.logs.replays import replay_log
-from tests.helpers.logs.streamed import SHORT
+from tests.monitor.pipeline.test_blocks import SHORT
 from training.recordings.files.table_files import write_table
 from training.recordings.recording import whole
 

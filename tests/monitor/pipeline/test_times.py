@@ -90,7 +90,6 @@ def test_frames_stamped_wrongly_set_no_code_and_begin_no_cycle(places: Sequence[
 def test_a_pause_of_a_whole_log_is_no_silence_of_the_ecu(pause_s: float) -> None:
     # GIVEN a log whose logger stalled, so that its alive counters miss frames
     found = replayed(without(DRIVE, 30.0, 30.0 + pause_s), SETUP)
-    # THEN it is a gap, and no code
     assert (found.codes, counts(found)) == ((), (0, 1, 0))
 
 

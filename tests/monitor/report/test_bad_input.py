@@ -115,7 +115,6 @@ def test_a_log_of_a_killed_logger_is_judged_as_far_as_it_goes_and_the_verdict_sa
     write_log(whole, list(read_frames(ninety_seconds)))
     cut = tmp_path / f"cut.{suffix}"
     cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6) + 3])
-    # WHEN it is judged
     code, (recording,) = replays(cut)
     # THEN text and JSON say where it ends, and the end is a gap of the log
     assert code in (0, 3)

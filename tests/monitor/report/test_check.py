@@ -112,7 +112,6 @@ def test_a_clock_that_falls_back_changes_neither_rate_nor_verdict() -> None:
     # GIVEN a log whose clock was set back between two frames, as replay reads it
     sent, later_ns = ecu(), 20_000_000_000
     fallen = [f._replace(t_ns=f.t_ns + later_ns * (i < len(sent) // 3)) for i, f in enumerate(sent)]
-    # WHEN it is checked
     result, calm = check(fallen, OWN), check(sent, OWN)
     # THEN no signal has stopped, and no frame is counted that was not there
     assert {s.verdict(result.end_ns) for s in result.signals} == {"plausible"}
@@ -170,9 +169,7 @@ def test_a_signal_slower_than_its_timeout_is_stale_with_age_and_timeout() -> Non
                 continue
             last_ns = frame.t_ns
         sent.append(frame)
-    # WHEN the log is checked
     result = check(sent, OWN)
-    # THEN the check says so, and which timeout would hold
     assert "coolant_temperature_degc" in result.stale
     words = seen(result, "coolant_temperature_degc").verdict(result.end_ns)
     assert words.startswith("STALE") and f"timeout_s is {timeout_s:g}: set timeout_s = " in words

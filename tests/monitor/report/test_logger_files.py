@@ -53,12 +53,10 @@ def test_a_logger_s_file_is_judged_like_the_same_drive_in_canonical_columns(
     log, profile = as_logged(own, tmp_path / "drive.msl")
     out = tmp_path / "out.json"
     found = {}
-    # WHEN both are judged
     for path, more in ((own, ()), (log, ("--profile", str(profile)))):
         page = ("--html", str(path.with_suffix(".html")))
         code = cli.main(["replay", str(path), "--quiet", "--json", str(out), *page, *more])
         found[path] = code, json.loads(out.read_text())["recordings"][0]
-    # THEN the verdict is the same, window by window
     (code, canonical), (same_code, logged) = found.values()
     assert code == same_code == 0
     assert logged["profile"] == "drive"

@@ -193,11 +193,8 @@ def test_a_sensor_that_never_came_in_a_log_is_not_judged_and_gets_no_code(deaf: 
 def test_a_vehicle_whose_sensor_was_heard_before_gets_the_code(
     deaf: Path, drive: list[Frame], tmp_path: Path
 ) -> None:
-    # GIVEN a memory that knows the sensor of an earlier drive
     healthy, memory = write(tmp_path / "healthy.blf", drive), tmp_path / "memory.db"
     replays(healthy, "--memory", memory)
-    # WHEN the sensor is silent from the start
     code, (recording,) = replays(deaf, "--memory", memory)
-    # THEN it is missed
     assert code == 1
     assert [d["code"] for d in recording["dtcs"]] == ["U0100"]

@@ -135,8 +135,6 @@ def written(tmp_path: Path, *recordings: dict[str, Any], **options: Any) -> Page
 
 
 def test_the_page_says_verdicts_codes_and_why_a_drive_was_not_judged(tmp_path: Path) -> None:
-    # GIVEN a healthy, a faulty and a drive that was not judged
-    # WHEN the report is written
     text = written(tmp_path, recording(), faulty(), not_judged()).text
     # THEN all three verdicts stand there in words, with symbols beside the colours
     assert "3 recordings · fault found: 1 · no fault: 1 · not judged: 1" in text
@@ -242,7 +240,6 @@ def test_a_hostile_name_stays_text(tmp_path: Path) -> None:
     bad["windows"][0]["fault"] = HOSTILE
     bad["windows"][0]["statistics"] = {HOSTILE: HOSTILE}
     bad["dtcs"][0]["fault"] = HOSTILE
-    # WHEN the report is written
     page = written(tmp_path, bad, model_info={HOSTILE: HOSTILE}, output=HOSTILE)
     # THEN the page has its own scripts only, and shows the name as it is
     assert len(page.of("script")) == 2
@@ -293,7 +290,6 @@ def test_a_long_recording_is_thinned_without_losing_extremes_and_gaps() -> None:
     long.measured[n // 2] = 3.0
     long.predicted[n // 3] = 0.2
     long.measured[n // 4 : n // 4 + 3] = np.nan
-    # WHEN it is thinned
     keep = thinned(long)
     # THEN few samples are left, in order, and all of these are among them
     assert len(keep) <= report.MAX_SAMPLES

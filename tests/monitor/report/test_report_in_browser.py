@@ -73,7 +73,6 @@ def test_plots_that_were_folded_at_sunset_unfold_dark(browser: Browser, tmp_path
 def test_a_log_that_no_model_judged_has_one_plot_and_says_so(
     browser: Browser, tmp_path: Path
 ) -> None:
-    # GIVEN a report on a log without a model of its car
     bare = not_judged()
     del bare["limits"], bare["enable"]
     written(tmp_path, bare)

@@ -18,8 +18,8 @@ from playwright.sync_api import Browser
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray, Quality
 from tests.helpers.bus.chromium import plots_of
-from tests.helpers.drives.tanks import TANK_PERIOD_S as PERIOD_S
-from tests.helpers.drives.tanks import leaking_tank
+from tests.helpers.models.plants import TANK_PERIOD_S as PERIOD_S
+from tests.helpers.models.plants import leaking_tank
 from training.cli import main
 from training.limits.trust import LIMIT_FAULTS
 from training.narx.network import Spec, initial_weights

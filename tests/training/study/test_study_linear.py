@@ -10,8 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from monitor.base.errors import RecordingError
-from tests.helpers.drives.tanks import leaking_tank
-from tests.helpers.models.plants import PERIOD_S, RNG, fit_arx, modes, two_inputs
+from tests.helpers.models.plants import PERIOD_S, RNG, fit_arx, leaking_tank, modes, two_inputs
 from training.narx.fit import FitOptions
 from training.narx.linear.arx import arx_delays, best_in_free_run, triangle
 from training.narx.linear.models import Stretch, free_run_error

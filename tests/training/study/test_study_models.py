@@ -11,7 +11,7 @@ import pytest
 from monitor.base.errors import RecordingError
 from monitor.base.types import FloatArray
 from tests.helpers.drives.recordings import recording_of
-from tests.helpers.drives.tanks import TANK_PERIOD_S, leaking_tank
+from tests.helpers.models.plants import TANK_PERIOD_S, leaking_tank
 from training.narx.network import Spec, initial_weights
 from training.narx.search.stages import blocks_of
 from training.recordings.recording import Recording

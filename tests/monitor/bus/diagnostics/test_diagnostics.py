@@ -143,7 +143,6 @@ def test_every_result_of_the_monitor_is_told(setup: replay.Setup) -> None:
     store = DtcStore()
     pipeline = FramePipeline(setup.bus_map, setup.model, setup.limits, setup.config, store)
     deque(pipeline.push(block_of(frames_of("delay_rich_to_lean", 50.0))), maxlen=0)
-    # THEN each of its results has an identifier
     told = [row[1] for row in results.test_results(0x01, store.results) if any(row[3:])]
     assert len(told) == len(store.results) > 3
 

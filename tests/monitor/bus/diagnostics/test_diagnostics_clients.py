@@ -111,7 +111,6 @@ def test_clearing_waits_for_the_engine_to_stand_and_is_on_disk_by_the_answer(
         beside(ecu.send),
         can.Bus(CHANNEL, interface="virtual", can_filters=ANSWERS) as bus,
     ):
-        # WHEN the engine runs
         ecu.engine_speed_rpm = 800.0
         assert until(lambda: state.values.get("engine_speed_rpm") == 800.0, READY_S)
         # THEN who asks all control units hears of lamp and code
@@ -129,7 +128,6 @@ def test_clearing_waits_for_the_engine_to_stand_and_is_on_disk_by_the_answer(
                 client.clear_dtc()
             assert refusal.value.response.code == 0x22
             assert states(path) == {"P0133": "confirmed", "P2195": "pending"}
-            # WHEN it stands
             ecu.engine_speed_rpm = 0.0
             assert until(lambda: state.values.get("engine_speed_rpm") == 0.0, READY_S)
             client.change_session(3)

@@ -159,7 +159,6 @@ def test_frames_that_arrive_together_are_believed_as_one_by_one(
         one.now_s = many.now_s = now_s
         weighed = [each for f in frames_of(block) for each in one.clock.weighed(f, now_s)]
         believed = list(frames_of(many.clock.believed(block, now_s)))
-        # THEN their times are those that each would have had
         assert believed == weighed
     assert many.clock.counters == one.clock.counters
 

@@ -92,7 +92,6 @@ def test_a_lost_interface_is_opened_again_and_what_it_then_brings_is_received() 
     bench = Bench(first, [BusError("no such device"), OSError(19, "No such device"), second])
     port = bench.port
     assert taken(port) == [Frame(1_000_000_000, 0x123, False, b"\1\2")]
-    # WHEN it is received from
     frames = [frame for _ in range(40) for frame in taken(port)]
     # THEN the frame after the loss comes, the waits double, and the loss was counted once
     assert [frame.t_ns for frame in frames] == [2_000_000_000]
@@ -324,7 +323,6 @@ def test_frames_gather_until_the_ticks_end_and_are_read_with_one_call(
     monkeypatch.setattr("monitor.bus.link.socketcan.time.time_ns", lambda: now_ns)
     for ahead_s in (0.010, 60.0):
         send(here, range(50))
-        # WHEN they are received
         frames = taken(port, 1.0, now_ns + round(ahead_s * 1e9))
         # THEN all come at once, in their order, when the tick or the longest wait is over
         assert [frame.can_id for frame in frames] == list(range(60))

@@ -14,8 +14,14 @@ from monitor.cli import main
 from monitor.inject.gateway import write_log
 from monitor.model.step import Model
 from monitor.pipeline import replay
-from tests.helpers.bus.obd_conversation import PARAMETERS, Conversation
-from tests.helpers.bus.obd_ecu import ObdEcu, SimulatedBus, answering, steady_ecu
+from tests.helpers.bus.obd_ecu import (
+    PARAMETERS,
+    Conversation,
+    ObdEcu,
+    SimulatedBus,
+    answering,
+    steady_ecu,
+)
 from tests.helpers.bus.played_bus import judged, run_on
 from tests.helpers.drives.simulated_drives import WARM
 from training.cli import main as o2train
@@ -116,7 +122,6 @@ def test_a_model_with_samples_half_a_second_apart_judges_polled_drives(tmp_path:
     size = "--period 0.5 --lags 4 --hidden 6 --starts 1 --budget 0.02"
     assert o2train(["fit", *logs, *BUS, *size.split(), "--out", str(model)]) == 0
     assert Model.load(model).card.period_ns == 500_000_000
-    # WHEN a further drive is polled and judged on the way
     setup = obd_setup(model)
     live = polled(setup, 2_051_009, tmp_path / "further.log", 120.0)
     # THEN windows of 25 s are judged, none has a code, and the recording replays to the same

@@ -17,8 +17,7 @@ from monitor.bus.polling.poller import ObdPoller
 from monitor.bus.polling.schedule import Schedule
 from monitor.cli import options
 from monitor.decode.obd_answers import Reassembly, values_of
-from tests.helpers.bus.obd_conversation import PARAMETERS, Conversation
-from tests.helpers.bus.obd_ecu import J1979, STEADY, steady_ecu
+from tests.helpers.bus.obd_ecu import J1979, PARAMETERS, STEADY, Conversation, steady_ecu
 from tests.helpers.examples import inputs
 from tests.helpers.logs.bus_maps import OBD
 
@@ -50,9 +49,7 @@ def test_ranges_of_the_ecu_are_asked_for_first_and_scale_its_values(
     for pid, of in {**ranges, **halved, **air}.items():
         monkeypatch.setitem(J1979, pid, of)
     monkeypatch.setitem(STEADY, "manifold_pressure_kpa", 46.0)
-    # WHEN it is polled
     talk = Conversation(steady_ecu(supported=(0x0B, 0x10, 0x44, 0x4F, 0x50))).run(5.0)
-    # THEN every value is the ECU's
     assert talk.asked[3][:2] == (0x4F, 0x50)
     assert set(talk.values["manifold_pressure_kpa"]) == {46.0}
     assert set(talk.values["lambda_target"]) == {1.0}
