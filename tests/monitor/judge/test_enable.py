@@ -257,41 +257,6 @@ def test_a_slow_change_of_purge_that_follows_the_load_does_not_block(settled: Be
         assert blocking(settled.step(purge_duty_percent=20.0 + k * per_sample)) == set()
 
 
-# Blocks
-
-NUMBER = st.sampled_from([math.nan, 0.0, 1e-4, 0.5, 1.0, 1.1, 5.0, 20.0, 55.0, 90.0, 130.0, 1000.0])
-
-
-@st.composite
-def held_values(draw: st.DrawFn) -> np.ndarray:
-    n = draw(st.integers(0, 120))
-    values = np.array([[GOOD[name] for name in NAMES]] * n).reshape(n, len(NAMES))
-    for _ in range(draw(st.integers(0, 12))):
-        first, length = draw(st.integers(0, 119)), draw(st.integers(1, 40))
-        column = draw(st.integers(0, len(NAMES) - 1))
-        values[first : first + length, column] = draw(NUMBER)
-    return values
-
-
-@given(
-    held_values(),
-    st.sets(st.sampled_from(enable.SIGNALS)),
-    st.sampled_from([0.05, 0.1, 2.0]),
-    st.lists(st.integers(0, 120)),
-)
-def test_the_conditions_do_not_depend_on_where_blocks_begin(
-    values: np.ndarray, unavailable: set[str], period_s: float, cuts: list[int]
-) -> None:
-    kept = [i for i, name in enumerate(NAMES) if name not in unavailable]
-    names, values = tuple(NAMES[i] for i in kept), values[:, kept]
-    one_by_one, cut, whole = (enable_of(names, period_s) for _ in range(3))
-    got = whole.push(values)
-    assert got.shape == (len(values), len(CONDITIONS))
-    assert [one_by_one.push(row[np.newaxis])[0].tolist() for row in values] == got.tolist()
-    parts = [cut.push(part) for part in np.split(values, sorted(cuts))]
-    np.testing.assert_array_equal(np.concatenate(parts), got)
-
-
 def fill(
     enabled: list[bool], n_samples: int, sizes: list[int] | None = None
 ) -> tuple[list[Window], Windows]:

@@ -146,19 +146,6 @@ def test_a_coarse_logger_is_no_intermittent_sensor() -> None:
     assert not any(faults(np.round(noisy(healthy) / 0.007) * 0.007, healthy))
 
 
-def test_evidence_does_not_depend_on_where_blocks_begin() -> None:
-    healthy = mixture(40, 0.02)
-    measured = held(noisy(healthy), 2.0, 30.0)
-    none = np.zeros(40, dtype=np.bool_)
-    whole = rule().judge(measured, healthy, none)
-    piecewise = rule()
-    parts = [
-        piecewise.judge(measured[a:b], healthy[a:b], none[a:b])
-        for a, b in ((0, 1), (1, 17), (17, 40))
-    ]
-    assert [each for part in parts for each in part] == whole
-
-
 def judged(
     change: FloatArray | None, *, without: tuple[str, ...] = (), **more: FloatArray
 ) -> Verdict:
