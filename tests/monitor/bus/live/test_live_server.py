@@ -23,24 +23,54 @@ from tests.helpers.bus.beside import beside, until
 HOST = "127.0.0.1"
 
 
-class Client:
-    """Asks the page over a socket; each request has a server of its own."""
+LARGE = json.dumps({"samples": [[0, 1.0, 1.0, 1]] * 3000, "windows": []}).encode() + b"\n"
 
-    def __init__(self, hub: Hub | None = None, *, loopback: bool = True) -> None:
-        self._page = Page(hub or Hub(), lambda header: may_ask(header, HOST, loopback=loopback))
 
-    def request(self, method: str, path: str, **headers: str) -> httpx.Response:
-        async def ask() -> httpx.Response:
-            async with await asyncio.start_server(self._page.serve, HOST, 0) as server:
-                port = server.sockets[0].getsockname()[1]
-                async with httpx.AsyncClient() as client:
-                    url = f"http://{HOST}:{port}{path}"
-                    return await client.request(method, url, headers=headers)
+class Running:
+    def __init__(self, *, loopback: bool = True) -> None:
+        self.hub = Hub()
+        self.page = Page(self.hub, lambda header: may_ask(header, HOST, loopback=loopback))
+        self._loop, self._ended = asyncio.new_event_loop(), asyncio.Event()
+        listening = listen(PageAddress(HOST, 0))
+        self.port = listening.getsockname()[1]
+        self.url = f"http://{HOST}:{self.port}/"
 
-        return asyncio.run(ask())
+        async def serve() -> None:
+            limit = page.REQUEST_BYTES
+            async with await asyncio.start_server(self.page.serve, sock=listening, limit=limit):
+                await self._ended.wait()
+                while self.page.connections:
+                    await asyncio.sleep(0.01)
 
-    def get(self, path: str, **headers: str) -> httpx.Response:
-        return self.request("GET", path, **headers)
+        self._thread = threading.Thread(target=lambda: self._loop.run_until_complete(serve()))
+        self._thread.start()
+        httpx.get(self.url)
+
+    def get(self, path: str, method: str = "GET", **headers: str) -> httpx.Response:
+        return httpx.request(method, f"http://{HOST}:{self.port}{path}", headers=headers)
+
+    def take(self, *lines: bytes) -> None:
+        self.call(lambda: [self.hub.take(line) for line in lines])
+
+    def call(self, function: Any) -> Any:
+        done: Future[Any] = Future()
+        self._loop.call_soon_threadsafe(lambda: done.set_result(function()))
+        return done.result(5.0)
+
+    def close(self) -> None:
+        self.call(lambda: self.hub.ended or self.hub.end())
+        self.call(self._ended.set)
+        self._thread.join(10.0)
+        assert not self._thread.is_alive()
+        self._loop.close()
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Running]:
+    monkeypatch.setattr(page, "REQUEST_S", 0.5)
+    monkeypatch.setattr(page, "STALLED_S", 0.5)
+    with contextlib.closing(Running()) as running:
+        yield running
 
 
 def message(**more: Any) -> bytes:
@@ -48,8 +78,8 @@ def message(**more: Any) -> bytes:
 
 
 @pytest.mark.parametrize("path", FILES)
-def test_every_file_of_the_page_is_served_with_its_type(path: str) -> None:
-    answer = Client().get(path)
+def test_every_file_of_the_page_is_served_with_its_type(path: str, server: Running) -> None:
+    answer = server.get(path)
     assert answer.status_code == 200
     assert len(answer.content) > 100
     kind = answer.headers["content-type"].split(";")[0]
@@ -58,8 +88,8 @@ def test_every_file_of_the_page_is_served_with_its_type(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["/", "/live.js", "/nothing", "/events"])
-def test_every_answer_has_the_headers(path: str) -> None:
-    answer = Client().request("HEAD", path)
+def test_every_answer_has_the_headers(path: str, server: Running) -> None:
+    answer = server.get(path, "HEAD")
     for name, value in HEADERS.items():
         assert answer.headers[name] == value
     policy = answer.headers["content-security-policy"]
@@ -69,16 +99,16 @@ def test_every_answer_has_the_headers(path: str) -> None:
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "BREW"])
-def test_whatever_could_write_is_refused(method: str) -> None:
-    answer = Client().request(method, "/events")
+def test_whatever_could_write_is_refused(method: str, server: Running) -> None:
+    answer = server.get("/events", method)
     assert answer.status_code == 405
     assert answer.headers["allow"] == "GET, HEAD"
     assert answer.headers["x-content-type-options"] == "nosniff"
 
 
-def test_what_is_not_there_is_not_found() -> None:
+def test_what_is_not_there_is_not_found(server: Running) -> None:
     for path in ("/nothing", "/static/live.js", "/../../etc/passwd", "/live.js/", "/%2e%2e/x"):
-        assert Client().get(path).status_code == 404, path
+        assert server.get(path).status_code == 404, path
 
 
 @pytest.mark.parametrize(
@@ -105,22 +135,20 @@ def test_what_is_not_there_is_not_found() -> None:
 def test_only_this_pages_own_names_are_answered(header: str, loopback: bool, wanted: bool) -> None:
     assert may_ask(header, "127.0.0.1", loopback=loopback) is wanted
     assert may_ask("Bench.lan:80", "bench.LAN", loopback=loopback)  # what was asked for
-    answer = Client(loopback=loopback).get("/", host=header)
-    assert answer.status_code == (200 if wanted else 421)
+    with contextlib.closing(Running(loopback=loopback)) as own:
+        assert own.get("/", host=header).status_code == (200 if wanted else 421)
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site", "?"])
-def test_another_site_cannot_use_up_the_streams(site: str) -> None:
-    answer = Client().get("/events", **{"sec-fetch-site": site})
-    assert answer.status_code == 403
+def test_another_site_cannot_use_up_the_streams(site: str, server: Running) -> None:
+    assert server.get("/events", **{"sec-fetch-site": site}).status_code == 403
 
 
-def test_a_browser_that_comes_gets_the_past_at_once() -> None:
-    hub = Hub()
-    hub.take(message(channel="vcan0", samples=[[0, 1.0, 1.01, 4095]], now={"ms": 0}))
-    hub.take(message(samples=[[100, 1.1, 1.02, 4095]], now={"ms": 100}))
-    hub.end()  # so that the stream ends
-    answer = Client(hub).get("/events")
+def test_a_browser_that_comes_gets_the_past_at_once(server: Running) -> None:
+    server.take(message(channel="vcan0", samples=[[0, 1.0, 1.01, 4095]], now={"ms": 0}))
+    server.take(message(samples=[[100, 1.1, 1.02, 4095]], now={"ms": 100}))
+    server.call(server.hub.end)  # so that the stream ends
+    answer = server.get("/events")
     assert answer.headers["content-type"].startswith("text/event-stream")
     retry, snapshot, *_ = answer.text.split("\n\n")
     assert retry == "retry: 1000"
@@ -183,54 +211,6 @@ def test_loopback_is_known_from_the_rest() -> None:
             assert is_loopback(server) is wanted
     assert PageAddress("0.0.0.0", 80).url == "http://127.0.0.1:80/"
     assert PageAddress("::1", 80).url == "http://[::1]:80/"
-
-
-LARGE = json.dumps({"samples": [[0, 1.0, 1.0, 1]] * 3000, "windows": []}).encode() + b"\n"
-
-
-class Running:
-    def __init__(self) -> None:
-        self.hub = Hub()
-        self.page = Page(self.hub, lambda header: may_ask(header, "127.0.0.1", loopback=True))
-        self._loop, self._ended = asyncio.new_event_loop(), asyncio.Event()
-        listening = listen(PageAddress("127.0.0.1", 0))
-        self.port = listening.getsockname()[1]
-        self.url = f"http://127.0.0.1:{self.port}/"
-
-        async def serve() -> None:
-            limit = page.REQUEST_BYTES
-            async with await asyncio.start_server(self.page.serve, sock=listening, limit=limit):
-                await self._ended.wait()
-                while self.page.connections:
-                    await asyncio.sleep(0.01)
-
-        self._thread = threading.Thread(target=lambda: self._loop.run_until_complete(serve()))
-        self._thread.start()
-        httpx.get(self.url)
-
-    def take(self, *lines: bytes) -> None:
-        self.call(lambda: [self.hub.take(line) for line in lines])
-
-    def call(self, function: Any) -> Any:
-        done: Future[Any] = Future()
-        self._loop.call_soon_threadsafe(lambda: done.set_result(function()))
-        return done.result(5.0)
-
-    def stop(self) -> None:
-        self.call(lambda: self.hub.ended or self.hub.end())
-        self.call(self._ended.set)
-        self._thread.join(10.0)
-        assert not self._thread.is_alive()
-        self._loop.close()
-
-
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Running]:
-    monkeypatch.setattr(page, "REQUEST_S", 0.5)
-    monkeypatch.setattr(page, "STALLED_S", 0.5)
-    running = Running()
-    yield running
-    running.stop()
 
 
 def connect(port: int, text: bytes = b"") -> socket.socket:
