@@ -23,8 +23,8 @@ FORKING = {"fuzz_databases", "fuzz_logs"}  # in a process of their own
 GIVEN = {
     "bosch_verdicts": ["1:30"],
     "map_proposals": [str(NEEDED["map_proposals"])],
-    "fuzz_databases": ["--cases", "60", "--seed", "21"],  # their only tests
-    "fuzz_logs": ["--cases", "100", "--seed", "10"],
+    "fuzz_databases": ["--cases", "40", "--seed", "21"],  # their only tests
+    "fuzz_logs": ["--cases", "60", "--seed", "10"],
 }
 
 

@@ -30,7 +30,6 @@ from training.greybox.fit.drive import ChainDrive
 from training.greybox.quantity.dynamics import lag
 
 Form = Callable[[Car, FloatArray], FloatArray]  # of car and time in s
-DRIVES: Final = 6
 
 
 class MixtureEffect(NamedTuple):
@@ -131,7 +130,7 @@ def _of_second(set_: str, size: Size) -> Made:
         scale = SMALLER if place % 2 else 1.0
         for number, (what, effect) in enumerate(effects.items()):
             key = f"case_second_{vehicle}_{number:03d}"
-            yield key, partial(_second, key, vehicle, number, what, effect, scale, size.length_s)
+            yield key, partial(_second, key, vehicle, number, what, effect, scale, size)
 
 
 def _second(
@@ -140,18 +139,20 @@ def _second(
     number: int,
     what: str,
     effect: MixtureEffect,
-    size: float,
-    length_s: float,
+    scale: float,
+    size: Size,
 ) -> Stored:
     def outside(car: Car) -> Outside:
         t_s = np.arange(len(car.rpm)) * STEP_S
-        percent, vapour = (size * form(car, t_s) if form else np.zeros(len(t_s)) for form in effect)
+        percent, vapour = (
+            scale * form(car, t_s) if form else np.zeros(len(t_s)) for form in effect
+        )
         return Outside(1.0 + percent / 100.0, vapour)
 
     def driven(hidden: Callable[[Car], Outside] | None) -> list[ChainDrive]:
-        seeds = [1000 * vehicle + 100 + 10 * number + i for i in range(DRIVES)]
+        seeds = [1000 * vehicle + 100 + 10 * number + i for i in range(size.case)]
         return plain(
-            second_drive(vehicle, seed, length_s=length_s, outside=hidden) for seed in seeds
+            second_drive(vehicle, seed, length_s=size.length_s, outside=hidden) for seed in seeds
         )
 
     return Stored(
@@ -159,7 +160,7 @@ def _second(
         vehicle=f"second_{vehicle}",
         kind="unknown",
         hidden=(what,),
-        size=size,
+        size=scale,
         drives=driven(outside),
         sound=driven(None),
     )

@@ -29,7 +29,7 @@ from benchmarks.studies.second.engine import drive as second_drive
 from benchmarks.studies.workflow import plan
 from training.greybox.fit.drive import ChainDrive
 
-DRIVES: Final = 6  # of a case of the second engine
+DRIVES: Final = WHOLE.case  # also the fewest in which speeds and loads come twice
 HALF: Final = 0.5  # of the second engine's sizes, in its second vehicle of each set
 KINDS: Final = ("effect", "null", "unknown", "two", "onset", "fault")
 STUDIES: Final = {  # first vehicle, vehicles; cases by kind

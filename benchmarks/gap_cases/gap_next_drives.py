@@ -28,27 +28,30 @@ from training.gap.name.verdict import Naming
 from training.greybox.fit.drive import ChainDrive
 from training.healthy.behaviour import Healthy
 
-FIRST: Final = 141  # vehicle
 SMALL: Final = (0.5, 0.3)  # of the sizes of the other cases
 EFFECTS: Final = tuple(SIZES)
-LENGTH_S: Final = 240.0
 HEALTHY_S: Final = 300.0
-DRIVES, HEALTHY = 2, 8
+DRIVES: Final = 2
 MORE: Final = 4  # recordings of the proposed driving
 
 
 def main(argv: Sequence[str]) -> int:
     """Look for ambiguous cases, drive on, and count."""
-    options = BenchmarkOptions(__name__, __doc__, vehicles=1, effects=["purge"], folder=None)
+    few = {"first": 143, "vehicles": 1, "healthy": 3, "effects": ["maf_offset"], "seconds": 120.0}
+    options = BenchmarkOptions(__name__, __doc__, **few, folder=None)
     options.add_argument("--folder", type=Path, default=Path("build/gap_next_drives"))
+    options.add_argument("--first", type=int, default=141, help="vehicle")
     options.add_argument("--vehicles", type=int, default=8)
+    options.add_argument("--healthy", type=int, default=8, help="drives of each vehicle")
+    options.add_argument("--seconds", type=float, default=240.0, help="of a drive with an effect")
     options.add_argument("--effects", nargs="+", choices=EFFECTS, default=EFFECTS)
     args = options.parse_args(argv)
     rows: list[dict[str, Any]] = []
     with stored.place(args.folder) as folder, threadpool_limits(1):
         folder.mkdir(parents=True, exist_ok=True)
-        for vehicle in range(FIRST, FIRST + args.vehicles):
-            for row in _rows(vehicle, _known(folder, vehicle), args.effects):
+        for vehicle in range(args.first, args.first + args.vehicles):
+            known = _known(folder, vehicle, args.healthy)
+            for row in _rows(vehicle, known, args.effects, args.seconds):
                 rows.append(row)
                 say(str(row))
     if not rows:
@@ -63,11 +66,11 @@ def main(argv: Sequence[str]) -> int:
     return finish(args, [*rows, *counted, told])
 
 
-def _known(folder: Path, vehicle: int) -> Healthy:
+def _known(folder: Path, vehicle: int, n: int) -> Healthy:
     """Return what is learned of a vehicle's healthy drives, made if the folder has none."""
     path = folder / f"other_{vehicle}.pickle"
     if not path.exists():
-        path.write_bytes(pickle.dumps([_drive(vehicle, i, HEALTHY_S) for i in range(HEALTHY)]))
+        path.write_bytes(pickle.dumps([_drive(vehicle, i, HEALTHY_S) for i in range(n)]))
     return stored.learned(path)
 
 
@@ -77,11 +80,13 @@ def _drive(vehicle: int, number: int, length_s: float, **hidden: float) -> Chain
     return plain([drive(vehicle, seed, hidden, length_s=length_s, form=form)])[0]
 
 
-def _rows(vehicle: int, known: Healthy, effects: Sequence[str]) -> Iterator[dict[str, Any]]:
+def _rows(
+    vehicle: int, known: Healthy, effects: Sequence[str], first_s: float
+) -> Iterator[dict[str, Any]]:
     for size, effect in product(SMALL, effects):
         hidden = {effect: size * SIZES[effect]}
         first = 100 + 20 * EFFECTS.index(effect)
-        drives = [_drive(vehicle, first + i, LENGTH_S, **hidden) for i in range(DRIVES)]
+        drives = [_drive(vehicle, first + i, first_s, **hidden) for i in range(DRIVES)]
         try:
             naming = name(drives, known)
         except RecordingError:  # of driving that the healthy drives do not know

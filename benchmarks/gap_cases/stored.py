@@ -37,10 +37,11 @@ class Size(NamedTuple):
 
     length_s: float = 300.0  # of a drive
     healthy: int = 8  # drives of a vehicle of the second engine
+    case: int = 6  # drives of one of its cases
 
 
 WHOLE: Final = Size()
-SMALLEST: Final = Size(120.0, 3)
+SMALLEST: Final = Size(120.0, 3, 2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -201,9 +201,10 @@ def measure(side: str, due: Sequence[Due], args: argparse.Namespace) -> Row:
 
 def main(argv: Sequence[str]) -> int:
     """Measure each side under each load."""
-    options = BenchmarkOptions(__name__, __doc__, seconds=1.0, load=[4000])
+    options = BenchmarkOptions(__name__, __doc__, seconds=1.0, load=[4000], sides=[PROJECT, PLAIN])
     options.add_argument("--seconds", type=float, default=30.0, help="of each run")
     options.add_argument("--load", type=int, nargs="+", default=LOADS, help="frames/s")
+    options.add_argument("--sides", nargs="+", choices=SIDES, default=SIDES)
     options.add_argument("--record", action="store_true", help="the project records as well")
     options.add_argument("--receiver", choices=SIDES, help=argparse.SUPPRESS)
     options.add_argument("--warm-up", type=float, help=argparse.SUPPRESS)
@@ -217,7 +218,7 @@ def main(argv: Sequence[str]) -> int:
     try:
         for load in args.load:
             due = schedule(load, args.seconds)
-            rows += [{"load": load} | dict(measure(side, due, args)) for side in SIDES]
+            rows += [{"load": load} | dict(measure(side, due, args)) for side in args.sides]
     finally:
         os.sched_setaffinity(0, before)
     return finish(args, rows)

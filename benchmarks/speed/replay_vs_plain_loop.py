@@ -39,11 +39,11 @@ sys.exit(main({arguments!r}))
 """
 
 
-def replayed(path: Path, hidden: tuple[str, ...], cache: Path) -> tuple[float, float, bytes]:
+def replayed(path: Path, hidden: tuple[str, ...], cache: str) -> tuple[float, float, bytes]:
     """Return seconds by the clock and of the processor, and what a replay wrote."""
     out = [path.with_suffix(suffix) for suffix in (".json", ".html")]
     arguments = ["replay", str(path), "--quiet", "--json", str(out[0]), "--html", str(out[1])]
-    environment = os.environ | {"PYTHONPYCACHEPREFIX": str(cache)}  # as an installation has them
+    environment = os.environ | {"PYTHONPYCACHEPREFIX": cache}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
     script = SCRIPT.format(hidden=hidden, arguments=arguments)
@@ -72,9 +72,10 @@ def measure(path: Path, drive_s: float, rounds: int, folder: Path) -> list[Row]:
     forms = {"needed messages": "", "all messages": traffic.foreign_dbc()}
     runs: dict[str, list[tuple[float, float]]] = {}
     written: set[bytes] = set()
+    cache = str(folder / "cache") if rounds > 1 else ""  # compiled, as an installation has it
     for number in range(0 if rounds > 1 else 1, rounds + 1):  # the first of several compiles
         for name, hidden in HIDDEN.items():
-            wall_s, took_s, content = replayed(path, hidden, folder / "cache")
+            wall_s, took_s, content = replayed(path, hidden, cache)
             written.add(content)
             if number:
                 runs.setdefault(name, []).append((drive_s / wall_s, drive_s / took_s))

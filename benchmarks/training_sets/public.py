@@ -65,7 +65,7 @@ def measure(
 
 def main(argv: Sequence[str]) -> int:
     """Train and test all models on all plants."""
-    smallest = {"plants": ["tanks"], "seeds": 1, "budget": 0.02, "epochs": 5}
+    smallest = {"plants": ["tanks"], "seeds": 1, "budget": 0.01, "epochs": 3}
     options = BenchmarkOptions(__name__, __doc__, **smallest)
     names = list(dict.fromkeys((*PLANTS, *SYSTEMS)))
     options.add_argument("folder", nargs="?", type=Path, metavar="FOLDER")

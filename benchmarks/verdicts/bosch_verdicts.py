@@ -196,7 +196,7 @@ def rows_of(split: str, verdicts: Sequence[RunVerdict], trust: Trust) -> Iterato
 
 def main(argv: Sequence[str]) -> int:
     """Fit unless a model is given, then judge the runs left out."""
-    smallest = {"faults": ["gain_low"], "budget": "0.05", "runs": 1}
+    smallest = {"faults": ["gain_low"], "budget": "0.02", "runs": 1}
     options = BenchmarkOptions(__name__, __doc__, **smallest)
     names = [*(name for name, _ in FAULTS), *OFFSETS]
     options.add_argument("split", help="1a, 1b, 2a, 2b, 2c or ENGINE:RUN,RUN...")

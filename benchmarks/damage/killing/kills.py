@@ -1,6 +1,6 @@
 """Kill processes on a fault memory with SIGKILL at random instants; nothing announced is lost.
 
-Processes that drive a fault memory follow each other on one file; live loops run on a bus of three
+Processes that drive a fault memory follow each other on one file; live loops run on a bus of
 drives with codes. After each kill the file must be sound and hold what was announced last, or what
 was to be announced next.
 
@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from benchmarks.damage.harness import fuzz_options
 from benchmarks.damage.killing.driven_memory import drive, told
-from benchmarks.damage.killing.loop_on_memory import held
+from benchmarks.damage.killing.loop_on_memory import held, run
 from benchmarks.outcome import Row, finish
 from benchmarks.repository import ROOT
 from monitor.memory.block import MISSING, Block
@@ -45,7 +45,7 @@ def main(argv: Sequence[str]) -> int:
         happened = kills(Path(folder) / "o2.db", args.cases, rng)
         rows: list[Row] = [{"killed": f"process, {w}", "n": n} for w, n in happened.items()]
         loops = 1 if args.smallest else args.loops
-        told = loop_kills(Path(folder), loops, rng)
+        told = loop_kills(Path(folder), loops, 2 if args.smallest else 3, rng)
         rows.append({"killed": f"live loop of up to {told} events", "n": loops})
     events = ("fail", "pass", "clear", "cycle")
     missed = [f"no kill after {what}" for what in events if not happened[what]]
@@ -131,18 +131,21 @@ def kills(path: Path, n: int, rng: random.Random) -> Counter[str]:
     return happened
 
 
-def loop_kills(folder: Path, n: int, rng: random.Random) -> int:
-    """Kill ``n`` live loops on a bus of three drives, each on a fault memory of its own.
+def loop_kills(folder: Path, n: int, drives: int, rng: random.Random) -> int:
+    """Kill ``n`` live loops on a bus of drives, each on a fault memory of its own.
 
     Fails if a memory holds neither what its loop told last nor what was to be told next. Returns
     how many events a loop tells that nothing happens to.
     """
-    everything = told_by_loop(folder / "whole.db", None)
+    whole = list[str]()
+    run(folder / "whole.db", drives, whole.append)
+    everything = list(map(json.loads, whole))
     expected = [{"told": held(Saved())}, *everything]
     for i in range(n):
         # WHEN it is killed at a random instant
         path = folder / f"{i}.db"
-        events = told_by_loop(path, rng.randrange(len(everything) - 5), rng.uniform(0.0, 0.05))
+        kill_after, wait_s = rng.randrange(len(everything) - 5), rng.uniform(0.0, 0.05)
+        events = told_by_loop(path, drives, kill_after, wait_s)
         # THEN it had told the same so far, and its memory holds that, or what was to come next
         assert events == everything[: len(events)]
         assert_sound(path)
@@ -152,10 +155,10 @@ def loop_kills(folder: Path, n: int, rng: random.Random) -> int:
     return len(everything)
 
 
-def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> list[Any]:
-    """Return what the loop tells, to its end or until it is killed after so many events."""
+def told_by_loop(path: Path, drives: int, kill_after: int, wait_s: float) -> list[Any]:
+    """Return what a loop of its own process tells until it is killed after so many events."""
     with subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.damage.killing.loop_on_memory", path, "3"],
+        [sys.executable, "-m", "benchmarks.damage.killing.loop_on_memory", path, str(drives)],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
@@ -163,7 +166,6 @@ def told_by_loop(path: Path, kill_after: int | None, wait_s: float = 0.0) -> lis
         assert loop.stdout is not None
         told_events = (line for line in loop.stdout if line.startswith('{"told"'))
         lines = list(islice(told_events, kill_after))
-        if kill_after is not None:
-            time.sleep(wait_s)
-            loop.kill()
+        time.sleep(wait_s)
+        loop.kill()
         return [json.loads(line) for line in [*lines, *told_events]]

@@ -5,7 +5,9 @@ It prints, for every event that is stored, what the fault memory holds as JSON.
 
 import json
 import sys
+from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,15 +26,19 @@ PAUSE_NS = 600 * 10**9
 
 
 class Announcer(Ear):
-    """Prints what the loop tells once it is stored."""
+    """Tells what the fault memory holds once an event of the loop is stored."""
 
     loop: Loop
 
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        super().__init__()
+        self._tell = tell
+
     def push(self, event: Event) -> None:
-        """Print what the fault memory holds."""
+        """Tell what the fault memory holds."""
         if not isinstance(event, Tick | WindowJudged | CutJudged):
             saved = self.loop.pipeline.monitor.store.saved
-            print(json.dumps({"told": held(saved)}), flush=True)
+            self._tell(json.dumps({"told": held(saved)}))
 
 
 def held(saved: Saved) -> list[Any]:
@@ -46,8 +52,8 @@ def held(saved: Saved) -> list[Any]:
     ]
 
 
-def run(path: Path, drives: int) -> None:
-    """Run the loop."""
+def run(path: Path, drives: int, tell: Callable[[str], None]) -> None:
+    """Run the loop; ``tell`` gets a line for every event that is stored."""
     drive = frames_of("delay_rich_to_lean", DRIVE_S)
     length_ns = drive[-1].t_ns - drive[0].t_ns + PAUSE_NS
     later = (
@@ -56,7 +62,7 @@ def run(path: Path, drives: int) -> None:
     bus = PlayedBus(chain.from_iterable(later))
     setup = replay.set_up(None, [], config.load())
     with closing(Memory(path, hold=True)) as memory, bus:
-        announcer = Announcer()
+        announcer = Announcer(tell)
         loop = announcer.loop = Loop(
             bus,
             setup,
@@ -70,4 +76,4 @@ def run(path: Path, drives: int) -> None:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), int(sys.argv[2]))
+    run(Path(sys.argv[1]), int(sys.argv[2]), partial(print, flush=True))
