@@ -55,11 +55,11 @@ def log_blocks(
 
     Raises RecordingError, too, if a mapped identifier is on two channels and none is chosen.
     """
-    mapped = names_of(channel.message for channel in bus_map.channels.values())
+    mapped = keys_of(channel.message for channel in bus_map.channels.values())
     blocks = read_blocks(path, counters, Channels(bus_map.log_channel, mapped))
     return map(EngineAnswers(mapped).push, blocks)
 
 
-def names_of(messages: Iterable[Message]) -> dict[int, str]:
-    """Return the messages' names, by the keys of their frames."""
-    return {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m.name for m in messages}
+def keys_of(messages: Iterable[Message]) -> set[int]:
+    """Return the keys of the messages' frames."""
+    return {m.frame_id | (EXTENDED if m.is_extended_frame else 0) for m in messages}

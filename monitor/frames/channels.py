@@ -1,6 +1,6 @@
 """The channels of a log: an identifier means one thing on one bus, and another on the next."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import islice
 
 import numpy as np
@@ -14,13 +14,11 @@ class Channels:
     """Keeps the frames of one channel, and refuses a log in which two buses are mixed.
 
     only : name of the channel to keep, as the log has it; "" keeps all
-    mapped : messages that the signal map reads, by the keys of their frames (``FrameBlock.key``);
-        some logs have their names in place of identifiers
+    mapped : keys of the frames that the signal map reads (``FrameBlock.key``)
     """
 
-    def __init__(self, only: str = "", mapped: Mapping[int, str] | None = None) -> None:
-        self.only, self.names = only, {name: key for key, name in (mapped or {}).items()}
-        self._mapped = np.array(sorted(mapped or ()), dtype=np.uint32)
+    def __init__(self, only: str = "", mapped: Collection[int] = ()) -> None:
+        self.only, self._mapped = only, np.array(sorted(mapped), dtype=np.uint32)
         self._heard: dict[str, set[int]] = {}  # mapped keys by channel
 
     @property

@@ -26,14 +26,8 @@ from monitor.frames.channels import Channels
 from monitor.frames.tables.readers import SUFFIXES as TABLES
 from monitor.frames.tables.readers import reason, suffix_of
 from monitor.frames.text import candump
-from monitor.frames.text.layouts import (
-    CANDUMP,
-    LAYOUTS,
-    UNREAD,
-    LayoutFound,
-    frames_of_lines,
-    layout_of,
-)
+from monitor.frames.text.layouts import UNREAD, LayoutFound, frames_of_lines, layout_of
+from monitor.frames.text.tools import CANDUMP, LAYOUTS
 
 if TYPE_CHECKING:
     import can
@@ -154,7 +148,7 @@ def guarded(path: Path, counters: LogCounters, items: Iterator[T]) -> Iterator[T
 def _blocks(
     path: Path, kind: str, counters: LogCounters, channels: Channels
 ) -> Iterator[FrameBlock]:
-    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path, kind, channels.names)
+    found = LayoutFound() if kind in (".blf", ".mf4") else layout_of(path, kind)
     is_plain = found.encoding in ("utf-8", "cp1252") and not found.deltas
     if found.layout and not (found.layout is CANDUMP and is_plain):
         with open_text(path, found.encoding, errors="replace") as text:

@@ -11,7 +11,7 @@ from pathlib import Path
 from monitor.base.files.manifest import note
 from monitor.base.types import Frame
 from monitor.decode.block_decoder import BlockDecoder
-from monitor.decode.log_blocks import names_of
+from monitor.decode.log_blocks import keys_of
 from monitor.decode.obd_answers import ANSWER, ANSWER_29, POSITIVE, AllParameters
 from monitor.frames.blocks import EXTENDED, LogCounters, frames_of
 from monitor.frames.channels import Channels
@@ -83,7 +83,7 @@ def _log_drive(
     )
     names = needed_names(setup.model.card, (*setup.bus_map.names, *setup.bus_map.optional))
     found, timeline = LogCounters(), Timeline(BlockDecoder(setup.bus_map, names))
-    mapped = names_of(channel.message for channel in setup.bus_map.channels.values())
+    mapped = keys_of(channel.message for channel in setup.bus_map.channels.values())
     blocks = read_blocks(log, found, Channels(setup.bus_map.log_channel, mapped))
     is_polled = ANSWER in mapped
     blocks = timeline.blocks(map(AllParameters().push, blocks) if is_polled else blocks)

@@ -17,7 +17,7 @@ from monitor.base.faults import DEFAULT_SEVERITY, resolve
 from monitor.base.signals import OUTPUT
 from monitor.base.types import Frame
 from monitor.decode.bus_map import BusMap
-from monitor.decode.log_blocks import EngineAnswers, names_of
+from monitor.decode.log_blocks import EngineAnswers, keys_of
 from monitor.decode.obd_answers import ANSWER
 from monitor.decode.parameter_groups import mask_of
 from monitor.frames.loop_frames import is_own
@@ -100,7 +100,7 @@ class Injector:
             self._writers = {k: w for k, w in self._writers.items() if own & w.signals.keys()}
         # messages that come under several identifiers of 29 bits: one of them, mask, key
         self._groups = [(k[0], mask_of(k[0]), k) for k, w in self._writers.items() if w.any_source]
-        answers = EngineAnswers(names_of(c.message for c in bus_map.channels.values()))
+        answers = EngineAnswers(keys_of(c.message for c in bus_map.channels.values()))
         self._groups += [(*group, (ANSWER, False)) for group in answers.groups]
         self.counts, self._injections = InjectionCounts(), injections
         self._sensor = [

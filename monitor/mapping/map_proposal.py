@@ -10,7 +10,7 @@ from cantools.database.can import Database, Message, Signal
 
 from monitor.base.signals import OWN
 from monitor.base.types import FloatArray
-from monitor.decode.log_blocks import names_of
+from monitor.decode.log_blocks import keys_of
 from monitor.decode.signal_map import LONGEST_TIMEOUT_S, Derived
 from monitor.frames.channels import Channels
 from monitor.frames.logs import read_blocks
@@ -71,7 +71,7 @@ def make_map(
     """
     proposals, guards = propose(candidates(database)), dict[str, dict[str, str]]()
     if log:
-        blocks = read_blocks(log, None, Channels(channel, names_of(database.messages)))
+        blocks = read_blocks(log, None, Channels(channel, keys_of(database.messages)))
         likeliest = {each.place for p in proposals.values() for each in p.ranked[:CONSIDERED]}
         recording = ShownSignals(blocks, likeliest, database)
         proposals = propose(candidates(database, recording.observed))
