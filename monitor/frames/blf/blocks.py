@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, FloatArray, FrameBlock, IntArray
-from monitor.frames import swar
 from monitor.frames.blf import structure
 from monitor.frames.blocks import EXTENDED, FD_LENGTHS, LATEST_S, CutShortError, LogCounters, chosen
 from monitor.frames.bounds import BoundError, Inflation
 from monitor.frames.channels import Channels
+from monitor.frames.digits import first_bytes, gathered
 
 Words = NDArray[np.uint32]
 
@@ -39,7 +39,6 @@ _STORED, _DEFLATED = 0, 2
 _REMOTE: Final = 0x80  # flag of a classic frame
 _EXACT: Final = 1 << 53  # a double holds every integer up to this one
 _LENGTHS: Final = np.array([*range(9), *FD_LENGTHS, *[64] * 240])  # bytes by CAN FD's length code
-_DATA: Final = swar.masks([swar.kept_first(n) for n in range(9)])  # mask of n bytes of data
 
 # Class of an object by its type, and the bytes needed after its header.
 _OTHER, _SKIPPED, _CLASSIC, _FD, _FD_64 = range(5)
@@ -238,7 +237,7 @@ def _contents(objects: Objects) -> Contents:
     length = announced.copy()
     data = words.take(body + 3).astype(np.uint64) << np.uint64(32)
     data |= words.take(body + 2)
-    data &= _DATA.take(length)
+    data = first_bytes(data, length)
     contents = Contents(
         key=key,
         is_remote=is_remote,
@@ -284,6 +283,6 @@ def _bytes(
     objects: Objects, body: IntArray, offset: int, length: NDArray[np.integer[Any]]
 ) -> NDArray[np.uint8]:
     """Return (n, 64) bytes from ``offset`` in the bodies, zero after each length."""
-    data = swar.gathered(objects.data, offset, 4 * body, 64)
+    data = gathered(objects.data, offset, 4 * body, 64)
     data[np.arange(64) >= length[:, np.newaxis]] = 0
     return data

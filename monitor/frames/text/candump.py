@@ -2,8 +2,7 @@
 
 It is parsed in chunks of thousands of lines. A plain line is one as candump, python-can and this
 project write it; ``frame_of_line`` parses all other lines. Every step runs over all lines of a
-chunk: it finds the marks (space, #, newline) once and gathers the text around them as words of
-eight characters.
+chunk: it finds the marks (space, #, newline) once and gathers the digits around them.
 """
 
 from collections.abc import Iterator
@@ -13,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from monitor.base.types import BoolArray, Frame, FrameBlock, IntArray
-from monitor.frames import swar
 from monitor.frames.blocks import EXTENDED, LogCounters, block_of, chosen, put, widened
 from monitor.frames.channels import Channels
+from monitor.frames.digits import decimal, first_bytes, gathered, hexadecimal, zeroed
 from monitor.frames.text.layouts import frame_of_line
 from monitor.frames.text.lines import CHUNK_BYTES, MARGIN, Bytes, line_chunks
 
@@ -32,13 +31,6 @@ _BYTE: Final = np.uint64(8)  # bits in a byte
 _STAMP_ENDS: Final = np.uint64(int.from_bytes(b".\0\0\0\0\0\0)", "little"))
 _STAMP_MARKS: Final = np.uint64(0xFF000000000000FF)
 _LATEST_S: Final = 1 << 32  # up to this time a double rounds to the microsecond in the text
-
-# Masks of the characters of a word that belong to a field, by the field's length.
-_SIX: Final = np.uint64(swar.kept_last(6))
-_HIGH_SECONDS: Final = swar.masks([swar.kept_last(n - 8) for n in range(11)])
-_LOW_SECONDS: Final = swar.masks([swar.kept_last(n) for n in range(11)])
-_IDENTIFIER: Final = swar.masks([swar.kept_last(n) for n in range(9)])
-_DATA: Final = [swar.masks([swar.kept_first(n - 8 * i) for n in range(129)]) for i in range(16)]
 
 
 class Lines(NamedTuple):
@@ -79,8 +71,8 @@ def read_blocks(
 def _names(text: Bytes, lines: Lines, rows: slice | BoolArray) -> tuple[list[str], IntArray | None]:
     """Return the names of the rows' channels, up to 8 characters, and the place of each row's."""
     begin, width = lines.name[rows], (lines.name_end - lines.name)[rows]
-    words = swar.gathered(text, MARGIN, begin, 8).view(np.uint64)[:, 0]
-    words &= _DATA[0].take(width, mode="clip")
+    words = gathered(text, MARGIN, begin, 8).view(np.uint64)[:, 0]
+    words = first_bytes(words, width)
     unique, places = words[:1], None
     if (words != words[0]).any():
         unique, places = np.unique(words, return_inverse=True)
@@ -147,9 +139,9 @@ def parse_lines(text: Bytes) -> Lines:
     plain &= right
     if _has_other_than_ascii(text):
         plain &= _is_ascii(text, begin)
-    length, data, right = _payloads(text, sign + 1, end, 1)
+    length, data, right = _payloads(text, sign + 1, end, 8)
     frames = FrameBlock(t_ns, key, length, data)
-    pattern = swar.gathered(codes, 0, mark, 4).view(np.uint32)[:, 0]
+    pattern = gathered(codes, 0, mark, 4).view(np.uint32)[:, 0]
     right &= (pattern == _CLASSIC[0]) | (pattern == _CLASSIC[1])
     rows = np.flatnonzero(pattern == _FD)
     if len(rows):
@@ -167,7 +159,7 @@ def _with_fd(
     rows : the CAN FD lines
     """
     first, second, end = (marks.take(mark[rows] + i) for i in (2, 3, 4))
-    length, data, right = _payloads(text, first + 3, end, 8)  # after ## and the flag digit
+    length, data, right = _payloads(text, first + 3, end, 64)  # after ## and the flag digit
     ending = text[MARGIN:].take(end)
     right &= (second == first + 1) & ((ending == _SPACE) | (ending == _NEWLINE))
     width = 8 if length.max(where=right, initial=0) <= 8 else 64
@@ -196,33 +188,23 @@ def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, Boo
     digits = space - begin - len("(.249713)")
     right = text[MARGIN:].take(begin) == _OPEN
     right &= (digits >= 1) & (digits <= 10)
-    high, low, end = swar.gathered(text, MARGIN - 24, space, 24).view(np.uint64).T
+    high, low, end = gathered(text, MARGIN - 24, space, 24).view(np.uint64).T
     right &= (end & _STAMP_MARKS) == _STAMP_ENDS
-    micro, is_number = swar.decimal(swar.only(end << _BYTE, _SIX))
+    micro, is_number = decimal(zeroed(end << _BYTE, 2))
     right &= is_number
-    # the seconds change rarely, so only the changes are parsed
-    high = high & _HIGH_SECONDS.take(digits, mode="clip")
-    low = low & _LOW_SECONDS.take(digits, mode="clip")
-    changed = np.ones(len(begin), dtype=np.bool_)
+    high, low = zeroed(high, 16 - digits), zeroed(low, 8 - digits)
+    changed = np.ones(len(begin), dtype=np.bool_)  # the seconds change rarely
     np.not_equal(low[1:], low[:-1], out=changed[1:])
     changed[1:] |= high[1:] != high[:-1]
     rows = np.flatnonzero(changed)
-    seconds, is_number = _seconds(high[rows], low[rows], digits[rows])
+    (upper, is_upper), (lower, is_lower) = decimal(high[rows]), decimal(low[rows])
+    seconds = upper * 10**8 + lower
     n_lines = np.diff(rows, append=len(begin))
-    if not is_number.all():
-        right &= np.repeat(is_number, n_lines)
+    right &= np.repeat(is_upper & is_lower & (seconds < _LATEST_S), n_lines)
     t_ns = np.repeat(seconds * 1_000_000, n_lines)
     t_ns += micro
     t_ns *= 1000
     return t_ns, right
-
-
-def _seconds(high: swar.Words, low: swar.Words, digits: IntArray) -> tuple[IntArray, BoolArray]:
-    """Return numbers of up to ten digits, and which are valid."""
-    upper, is_upper = swar.decimal(swar.only(high, _HIGH_SECONDS.take(digits, mode="clip")))
-    lower, is_lower = swar.decimal(swar.only(low, _LOW_SECONDS.take(digits, mode="clip")))
-    seconds = upper * 10**8 + lower
-    return seconds, is_upper & is_lower & (seconds < _LATEST_S)
 
 
 def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArray, BoolArray]:
@@ -233,12 +215,10 @@ def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArra
     digits = sign - second - 1
     is_extended = digits == 8
     right = is_extended | (digits == 3)
-    first, rest = swar.gathered(text, MARGIN - 15, sign, 16).view(np.uint64).T
-    words = rest << _BYTE
-    words |= first >> np.uint64(56)
-    value, is_number = swar.hexadecimal(swar.only(words, _IDENTIFIER.take(digits, mode="clip")))
-    right &= is_number
-    key = value.astype(np.uint32).byteswap()
+    words = gathered(text, MARGIN - 8, sign, 8).view(np.uint64)[:, 0]
+    values, wrong = hexadecimal(zeroed(words, 8 - digits).view(np.uint8).reshape(-1, 8))
+    right &= wrong.view(np.uint32)[:, 0] == 0
+    key = values.view(">u4")[:, 0].astype(np.uint32)
     right &= key < np.where(is_extended, np.uint32(1 << 30), np.uint32(1 << 11))
     is_error = (key & _ERROR_FLAG) != 0
     key &= np.uint32(0x1FFFFFFF)
@@ -247,25 +227,18 @@ def _keys(text: Bytes, second: IntArray, sign: IntArray) -> tuple[Keys, BoolArra
 
 
 def _payloads(
-    text: Bytes, first: IntArray, end: IntArray, n_words: int
+    text: Bytes, first: IntArray, end: IntArray, n_bytes: int
 ) -> tuple[Bytes, Bytes, BoolArray]:
-    """Return lengths and data of up to ``8 * n_words`` bytes, and which lines are valid.
+    """Return lengths and data of up to ``n_bytes`` bytes, and which lines are valid.
 
     first, end : start and end of the hexadecimal digits
     """
     digits = end - first
-    right = (digits >= 0) & (digits <= 16 * n_words) & (digits & 1 == 0)
-    words = swar.gathered(text, MARGIN, first, 16 * n_words).view(np.uint64).T
-    data = np.empty((len(first), n_words), dtype=np.uint64)
-    for i in range(n_words):
-        low, is_low = _masked(words[2 * i], _DATA[2 * i], digits)
-        high, is_high = _masked(words[2 * i + 1], _DATA[2 * i + 1], digits)
-        high <<= np.uint64(32)
-        np.bitwise_or(low, high, out=data[:, i])
-        right &= is_low
-        right &= is_high
-    return (digits >> 1).astype(np.uint8), data.view(np.uint8), right
-
-
-def _masked(words: swar.Words, masks: swar.Words, digits: IntArray) -> tuple[swar.Words, BoolArray]:
-    return swar.hexadecimal(swar.only(words, masks.take(digits, mode="clip")))
+    right = (digits >= 0) & (digits <= 2 * n_bytes) & (digits & 1 == 0)
+    data, wrong = hexadecimal(gathered(text, MARGIN, first, 2 * n_bytes))
+    for place in range(n_bytes // 8):
+        for each in data, wrong:
+            words = each.view(np.uint64)[:, place]
+            words[:] = first_bytes(words, (digits >> 1) - 8 * place)
+        right &= words == 0
+    return (digits >> 1).astype(np.uint8), data, right
