@@ -19,7 +19,6 @@ from monitor.judge.counters import ticks_to_mature
 from monitor.judge.decision.window_facts import LAMBDA_LEAST
 from monitor.judge.electrical import suite
 from monitor.judge.electrical.plausibility import DUTY, ENGINE, READY
-from monitor.judge.electrical.suite import STRETCHES_OF_A_CODE
 from monitor.judge.enable import CONDITIONS, NO_CUT, Enable
 from monitor.judge.limits import Limits
 from monitor.judge.response.bank import claims
@@ -120,6 +119,7 @@ def _sizes(source: ExportSource) -> dict[str, int]:
         "N_LAGS": card.lags,
         "STATE_OUTPUT": card.state.output_start,
         "N_WINDOW": source.config.window.n_samples,
+        "N_CUT_WINDOW": source.config.window.n_samples // 2,
         "N_LAG": len(response.lags_s),
         "N_DELAY": len(response.delays_s),
         "N_COLUMNS": claims(response)[-1].column + 1,
@@ -150,6 +150,7 @@ def _numbers(source: ExportSource) -> Iterator[tuple[str, float | bool, str]]:
     yield from _of_movement(source)
     yield from _of_bias(limits, config)
     yield from _of_electrical(source)
+    yield "LEAST_EXPLAINED", limits.trust.least_explained, "share of the reading by the model"
     for test in OF_MODEL:
         yield f"BLIND_{test.upper()}", limits.trust.is_blind(test), "excludes none of its faults"
     yield "COUNT_FAIL", config.debounce.response_fail, "steps of a counter for a failed window"
@@ -222,7 +223,7 @@ def _of_electrical(source: ExportSource) -> Iterator[tuple[str, float | bool, st
     names, samples = source.names, source.samples
     is_phi = source.card.transform == "phi"
     yield "STEP_MOST", source.config.bias.fuel_span_lambda if is_phi else math.inf, "output's unit"
-    still = max(samples(max(own.stuck_s, limits.still_s / STRETCHES_OF_A_CODE)), 2)
+    still = max(samples(own.stuck_s), 2)
     dwelt = output.percentile_0_1 - output.minimum <= own.stuck_range
     may_be_cold = dwelt and not {ENGINE, READY} & set(names)
     yield "STUCK_RANGE", own.stuck_range, "output's unit"
@@ -278,7 +279,6 @@ def tables(source: ExportSource) -> str:
         "float o2_lag_share[O2_N_LAG]": share,
         "uint16_t o2_late_steps[O2_N_DELAY]": [f"{int(n)}U" for n in late],
         "float o2_late_part[O2_N_DELAY]": [literal(n - int(n)) for n in late],
-        "o2_rule o2_rules[2]": _rules(source),
         "o2_claim o2_claims[O2_N_CLAIMS]": _claims(source),
         "o2_bounds o2_gains[O2_N_GAINS]": [
             f"{{{literal(low)}, {literal(high)}}}" for low, high in _gains(source)
@@ -328,16 +328,6 @@ def _fault(name: str, is_untold: bool) -> str:
     codes = sum(1 << CODES_INSIDE.index(code) for code in CODES[name]) if name else 0
     test = f"O2_TEST_{TEST_OF[name].upper()}" if name else "255U"
     return f"{{0x{codes:04X}UL, {test}, {_shown(is_untold)}}}"
-
-
-def _rules(source: ExportSource) -> list[str]:
-    """Return the rule on enabled windows, then that on windows around fuel cuts."""
-    limits, config = source.limits, source.config
-    needed, found = config.response.evidence_fail, []
-    for n in (config.window.n_samples, config.window.n_samples // 2):
-        dead_most = needed * min(n / max(limits.still_s / source.period_s, n), 0.5)
-        found.append(f"{{{n}U, {literal(dead_most)}}}")
-    return found
 
 
 def _gains(source: ExportSource) -> list[tuple[float, float]]:

@@ -11,7 +11,7 @@ from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 
 NAMES: Final = "j_mu", "j_sigma", "noise", "noise_memory", "offset", "offset_std"  # in each card
-OPTIONAL: Final = "evidence", "evidence_gain", "gain_model", "still_s"
+OPTIONAL: Final = "evidence", "evidence_gain", "gain_model"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,6 @@ class Limits:
     evidence: float = 0.5  # weight of a window's edges, which tell the timing
     evidence_gain: float = 1.0  # weight of its amplitude, which tells the gain
     gain_model: float = 1.0  # amplitude of healthy readings over that of the prediction
-    still_s: float = 0.0  # time for which the healthy reading may stand still, if it is long
     gain: float = 1.0  # of this vehicle's healthy sensor, relative to gain_model
     trust: Trust = UNKNOWN  # what the model finds and mistakes
 

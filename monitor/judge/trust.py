@@ -17,7 +17,7 @@ from monitor.memory.codes import CONTINUOUS, TEST_OF
 OF_MODEL: Final = ("response", "bias")  # tests that judge by the prediction
 LEAST_FOUND: Final = 0.5  # of the drives, for a fault to count as tested
 _COUNTS: Final = ("found", "false")
-LEAST_EXPLAINED: Final = 0.5  # of the least share so far; a drive with less may be another car's
+SHARE_LEAST: Final = 0.5  # of the least share so far; a drive with less may be another car's
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,11 @@ class Trust:
         faults = {name for name in self.found or () if TEST_OF.get(name) == test}
         return bool(faults) and faults <= set(self.untested)
 
+    @property
+    def least_explained(self) -> float:
+        """Return the share of a reading below which the model does not describe it."""
+        return SHARE_LEAST * self.explained
+
     def entry(self, explained: float | None = None) -> dict[str, Any]:
         """Return it for a result; {} where nothing is known.
 
@@ -91,7 +96,7 @@ def in_words(entry: Mapping[str, Any] | None) -> str:
     if entry["tested"] and entry["not_tested"]:
         said += f"; not tested: {', '.join(entry['not_tested'])}"
     share, before = entry.get("explained"), entry.get("explained_before", 0.0)
-    if share is not None and share < LEAST_EXPLAINED * before:
+    if share is not None and share < SHARE_LEAST * before:
         said += f"; it explains {plain(100 * share, 2)} % of this reading, "
         said += f"{plain(100 * before, 2)} % and more of those: is it another vehicle's?"
     return f"tried on {counted(entry['drives'], 'drive')}, this model {said}"

@@ -117,6 +117,7 @@ class Collector:
             tuple(test for test, own in outcomes.items() if own == "undecided"),
             _left_s(evidence),
             judges_cuts=self._n_cuts > 0,
+            is_foreign=monitor.decisions.is_foreign,
         )
         why = [] if monitor.store.fault_flag else causes(seen, self._asked, judgement)
         behind = monitor.catalyst.entry()

@@ -19,7 +19,6 @@ from monitor.model.card import Limit, ModelCard
 from monitor.pipeline.events import WindowJudged
 from training.limits.judging import judge_recordings, why_not
 from training.limits.response.response_limits import response_limits
-from training.limits.response.stillness import still_limits
 from training.narx.model_file import Unseen
 from training.recordings.recording import Recording
 
@@ -135,5 +134,4 @@ def with_limits(card: ModelCard, unseen: Unseen, origin: str, config: Config) ->
     limits = limits_of([each.windows for each in judged], card, config, origin, recordings)
     card = replace(card, limits=limits, trust={})  # counted with other limits
     response = response_limits(judged, card, Limits.from_card(card, config, origin), config)
-    still = still_limits(recordings, card, config)
-    return replace(card, limits={**limits, **response, **still})
+    return replace(card, limits={**limits, **response})

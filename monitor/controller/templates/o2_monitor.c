@@ -457,7 +457,7 @@ static void predict(o2_monitor *m, const o2_sample *sample, bool is_valid, o2_re
 /* Take a sample into the window begun, or begin one; any other kind of sample discards it. */
 static bool fill(o2_monitor *m, const o2_sample *sample, uint8_t kind)
 {
-    uint16_t n = o2_rules[(kind == O2_CUT_WINDOW) ? 1 : 0].n;
+    uint16_t n = (kind == O2_CUT_WINDOW) ? O2_N_CUT_WINDOW : O2_N_WINDOW;
     if (kind != m->kind) {
         m->kind = kind;
         m->filled = 0U;
@@ -473,11 +473,13 @@ static bool fill(o2_monitor *m, const o2_sample *sample, uint8_t kind)
     return m->filled == n;
 }
 
-/* is_blind : the model can exclude no fault of the test */
-static void told(uint8_t *outcome, uint8_t *fault, bool is_blind)
+/* is_foreign : the model does not describe the reading
+ * is_blind : the model can exclude no fault of the test */
+static void told(uint8_t *outcome, uint8_t *fault, bool is_foreign, bool is_blind)
 {
     bool is_own = (*outcome == O2_FAILED) && o2_faults[*fault].is_untold; /* the model's errors */
-    if (is_own || ((*outcome == O2_PASSED) && is_blind)) {
+    bool is_dead = *fault == O2_FAULT_NO_ACTIVITY;
+    if (is_own || (is_foreign && !is_dead) || ((*outcome == O2_PASSED) && is_blind)) {
         *outcome = O2_INCONCLUSIVE;
         *fault = O2_SOUND;
     }
@@ -487,7 +489,7 @@ static void judge(o2_monitor *m, o2_result *result)
 {
     o2_facts facts;
     o2_window(m, &facts);
-    told(&facts.outcome, &facts.fault, O2_BLIND_RESPONSE);
+    told(&facts.outcome, &facts.fault, facts.is_foreign, O2_BLIND_RESPONSE);
     result->window = m->kind;
     result->outcome = facts.outcome;
     result->fault = facts.fault;
@@ -501,7 +503,7 @@ static void judge(o2_monitor *m, o2_result *result)
         uint8_t fault = O2_SOUND;
         bool ignore = facts.no_evidence || m->may_be_dead;
         uint8_t outcome = o2_bias(m, facts.offset, ignore, &fault, &result->offset);
-        told(&outcome, &fault, O2_BLIND_BIAS);
+        told(&outcome, &fault, facts.is_foreign, O2_BLIND_BIAS);
         if (outcome != O2_INCONCLUSIVE) {
             count(m, O2_TEST_BIAS, outcome == O2_FAILED, fault, result);
         }
@@ -536,6 +538,7 @@ void o2_init(o2_monitor *m, const o2_vehicle *vehicle)
     for (uint16_t c = 0U; c < O2_N_COLUMNS; c++) {
         m->sxx[c] = O2_GAIN_KNOWN;
         m->sxy[c] = O2_GAIN_KNOWN;
+        m->syy[c] = O2_GAIN_KNOWN;
     }
     for (uint16_t c = 0U; c < O2_N_CODES; c++) {
         m->status[c] = FRESH;

@@ -79,6 +79,7 @@ typedef struct {
     float evidence[O2_N_CLAIMS];
     float sxx[O2_N_COLUMNS];
     float sxy[O2_N_COLUMNS];
+    float syy[O2_N_COLUMNS];
     /* movement, in decisions */
     float dead;
     float holds;

@@ -165,15 +165,15 @@ typedef struct {
 } o2_moments;
 
 /* Walk through the window's whitened readings: once for their means, once for the moments. */
-static void walk(const o2_monitor *m, const o2_rule *rule, float gain, const float y[],
+static void walk(const o2_monitor *m, uint16_t n, float gain, const float y[],
                  float mean[O2_N_COLUMNS], o2_moments *s)
 {
     float before[O2_N_COLUMNS];
     float x[O2_N_COLUMNS];
     float lag[3][O2_N_LAG];
-    uint16_t n_new = (uint16_t)(rule->n - O2_AHEAD - 1U);
+    uint16_t n_new = (uint16_t)(n - O2_AHEAD - 1U);
     float each = 1.0f / (float)n_new;
-    const float *now = window_of(m, rule->n);
+    const float *now = window_of(m, n);
     (void)memcpy(lag, m->lag_begin, sizeof(lag));
     slow_step(lag, now[0]);
     readings(now, lag, before);
@@ -195,18 +195,18 @@ static void walk(const o2_monitor *m, const o2_rule *rule, float gain, const flo
     }
 }
 
-static void regressed(const o2_monitor *m, const o2_rule *rule, float gain, const float y[],
+static void regressed(const o2_monitor *m, uint16_t n, float gain, const float y[],
                       o2_moments *s)
 {
     float mean[O2_N_COLUMNS];
-    uint16_t n_new = (uint16_t)(rule->n - O2_AHEAD - 1U);
+    uint16_t n_new = (uint16_t)(n - O2_AHEAD - 1U);
     (void)memset(mean, 0, sizeof(mean));
     (void)memset(s, 0, sizeof(*s));
     for (uint16_t k = 0U; k < n_new; k++) {
         s->yy += square_of(y[k]) / (float)n_new;
     }
-    walk(m, rule, gain, y, mean, NULL);
-    walk(m, rule, gain, y, mean, s);
+    walk(m, n, gain, y, mean, NULL);
+    walk(m, n, gain, y, mean, s);
 }
 
 /* The gain of the timing, from all windows. */
@@ -254,6 +254,7 @@ static void add_gains(o2_monitor *m, const o2_moments *s, float n_new)
         float part = n_new / error_var(s, c, gain_of(m, c), O2_LEAST_VAR);
         m->sxx[c] = (O2_GAIN_MEMORY * m->sxx[c]) + (part * s->xx[c]);
         m->sxy[c] = (O2_GAIN_MEMORY * m->sxy[c]) + (part * s->xy[c]);
+        m->syy[c] = (O2_GAIN_MEMORY * m->syy[c]) + (part * s->yy);
     }
 }
 
@@ -275,12 +276,12 @@ static float amplitude_off(const o2_moments *s, const o2_claim *claim)
 }
 
 /* Add a window to gains and evidence; phi : the measurement, oriented like phi. */
-static void add_window(o2_monitor *m, const o2_rule *rule, float gain, const float phi[])
+static void add_window(o2_monitor *m, uint16_t n, float gain, const float phi[])
 {
     float y[O2_N_WINDOW];
     float said[O2_N_CLAIMS];
     o2_moments s;
-    uint16_t n_new = (uint16_t)(rule->n - O2_AHEAD - 1U);
+    uint16_t n_new = (uint16_t)(n - O2_AHEAD - 1U);
     float mean = 0.0f;
     float best = -INFINITY;
     for (uint16_t k = 0U; k < n_new; k++) {
@@ -291,7 +292,7 @@ static void add_window(o2_monitor *m, const o2_rule *rule, float gain, const flo
     for (uint16_t k = 0U; k < n_new; k++) {
         y[k] -= mean;
     }
-    regressed(m, rule, gain, y, &s);
+    regressed(m, n, gain, y, &s);
     add_gains(m, &s, (float)n_new);
     for (uint16_t c = 0U; c < O2_N_CLAIMS; c++) {
         said[c] = (O2_WEIGHT * timing(m, &s, &o2_claims[c], (float)n_new)) -
@@ -302,6 +303,13 @@ static void add_window(o2_monitor *m, const o2_rule *rule, float gain, const flo
         m->evidence[c] += fmaxf(said[c] - best, -O2_EVIDENCE_WINDOW);
     }
     bound_evidence(m);
+}
+
+/* Return whether a column explains less of the reading than the model did in training. */
+static bool is_foreign(const o2_monitor *m, uint16_t column)
+{
+    float share = square_of(m->sxy[column]) / (m->sxx[column] * m->syy[column]);
+    return share < O2_LEAST_EXPLAINED;
 }
 
 /* Fill in outcome, fault and evidence; return the column of the likeliest sensor. */
@@ -335,6 +343,7 @@ static uint16_t report(const o2_monitor *m, bool counts, o2_facts *facts)
             facts->outcome = O2_PASSED;
         }
     }
+    facts->is_foreign = is_foreign(m, o2_claims[likeliest].column);
     return (o2_claims[likeliest].column < (O2_N_COLUMNS - 1U)) ? o2_claims[likeliest].column : 0U;
 }
 
@@ -354,7 +363,7 @@ static float variance(const float x[], uint16_t n)
     return sum / (float)n;
 }
 
-static float dead_ratio(float own, float predicted, const o2_rule *rule, bool around_cut)
+static float dead_ratio(float own, float predicted, uint16_t n, bool around_cut)
 {
     float moves = fmaxf(predicted - (O2_ERROR_SHARE * O2_NOISE_VAR), 0.0f);
     float least_alive = square_of(O2_MOVEMENT_GAIN) * moves;
@@ -362,12 +371,12 @@ static float dead_ratio(float own, float predicted, const o2_rule *rule, bool ar
     float still = limited(own, O2_QUANTUM_VAR, fmaxf(most, O2_QUANTUM_VAR));
     float alive = still + least_alive;
     float ratio = logf(alive / still) - (own * ((1.0f / still) - (1.0f / alive)));
-    return limited(0.5f * (float)rule->n * O2_INDEPENDENT * ratio, -0.5f * O2_EVIDENCE_FAIL,
-                   rule->dead_most);
+    return limited(0.5f * (float)n * O2_INDEPENDENT * ratio, -0.5f * O2_EVIDENCE_FAIL,
+                   0.5f * O2_EVIDENCE_FAIL);
 }
 
 /* Return the evidence of the longest hold of a window. */
-static float hold_ratio(const float phi[], const float *now, float predicted, const o2_rule *rule)
+static float hold_ratio(const float phi[], const float *now, float predicted, uint16_t n)
 {
     uint16_t longest = 0U;
     uint16_t length = 0U;
@@ -375,7 +384,7 @@ static float hold_ratio(const float phi[], const float *now, float predicted, co
     float step = INFINITY;
     float high = -INFINITY;
     float low = INFINITY;
-    for (uint16_t k = 1U; k < rule->n; k++) {
+    for (uint16_t k = 1U; k < n; k++) {
         float moved = fabsf(phi[k] - phi[k - 1U]);
         length = (moved > 0.0f) ? 0U : (uint16_t)(length + 1U);
         step = (moved > 0.0f) ? fminf(step, moved) : step;
@@ -384,7 +393,7 @@ static float hold_ratio(const float phi[], const float *now, float predicted, co
             end = k;
         }
     }
-    if ((longest < O2_HOLD) || (longest >= (rule->n - 1U))) {
+    if ((longest < O2_HOLD) || (longest >= (n - 1U))) {
         return (predicted > (O2_ERROR_SHARE * O2_NOISE_VAR)) ? -O2_NO_HOLD : 0.0f;
     }
     for (uint16_t k = (uint16_t)(end - longest); k <= end; k++) {
@@ -392,18 +401,18 @@ static float hold_ratio(const float phi[], const float *now, float predicted, co
         low = fminf(low, now[k]);
     }
     step = fmaxf((O2_MOVEMENT_GAIN * (high - low)) - step, 0.0f);
-    return fminf(square_of(step) / (4.0f * O2_NOISE_VAR), rule->dead_most);
+    return fminf(square_of(step) / (4.0f * O2_NOISE_VAR), 0.5f * O2_EVIDENCE_FAIL);
 }
 
-static void judge_movement(o2_monitor *m, const o2_rule *rule, const float phi[], bool skip,
+static void judge_movement(o2_monitor *m, uint16_t n, const float phi[], bool skip,
                            o2_facts *facts)
 {
-    const float *now = window_of(m, rule->n);
+    const float *now = window_of(m, n);
     bool around_cut = m->kind == O2_CUT_WINDOW;
     if (!skip) {
-        float predicted = variance(now, rule->n);
-        float dead = dead_ratio(variance(phi, rule->n), predicted, rule, around_cut);
-        float held = around_cut ? 0.0f : hold_ratio(phi, now, predicted, rule);
+        float predicted = variance(now, n);
+        float dead = dead_ratio(variance(phi, n), predicted, n, around_cut);
+        float held = around_cut ? 0.0f : hold_ratio(phi, now, predicted, n);
         m->dead = limited(m->dead + (dead / O2_EVIDENCE_FAIL), -1.0f, O2_MOVEMENT_BOUND);
         m->holds = limited(m->holds + (held / O2_EVIDENCE_FAIL), 0.0f, O2_MOVEMENT_BOUND);
     }
@@ -433,37 +442,37 @@ static float oriented(float measured)
 void o2_window(o2_monitor *m, o2_facts *facts)
 {
     bool around_cut = m->kind == O2_CUT_WINDOW;
-    const o2_rule *rule = around_cut ? &o2_rules[1] : &o2_rules[0];
-    const float *now = window_of(m, rule->n);
+    uint16_t n = around_cut ? O2_N_CUT_WINDOW : O2_N_WINDOW;
+    const float *now = window_of(m, n);
     float phi[O2_N_WINDOW]; /* at first the residual */
     float high = -INFINITY;
     float low = INFINITY;
     bool skip = false;
     uint16_t column = 0U;
     facts->mean = 0.0f;
-    for (uint16_t k = 0U; k < rule->n; k++) {
+    for (uint16_t k = 0U; k < n; k++) {
         float measured = m->measured[k];
         phi[k] = around_cut ? (oriented(measured) - now[k]) : (measured - unoriented(now[k]));
         facts->mean += phi[k];
         high = fmaxf(high, measured);
         low = fminf(low, measured);
     }
-    facts->mean /= (float)rule->n;
-    facts->std = sqrtf(variance(phi, rule->n));
+    facts->mean /= (float)n;
+    facts->std = sqrtf(variance(phi, n));
     /* an offset in lambda would change the gain in phi */
-    for (uint16_t k = 0U; k < rule->n; k++) {
+    for (uint16_t k = 0U; k < n; k++) {
         phi[k] = oriented(m->measured[k] - (around_cut ? 0.0f : facts->mean));
     }
     skip = (high - low) <= O2_STUCK_RANGE;
     facts->no_evidence = (!around_cut) && skip;
     if (!skip) {
-        add_window(m, rule, O2_GAIN_MODEL * m->vehicle.gain, phi);
+        add_window(m, n, O2_GAIN_MODEL * m->vehicle.gain, phi);
     }
     column = report(m, !skip, facts);
-    facts->offset = around_cut ? 0.0f : beside(m, rule->n, column);
+    facts->offset = around_cut ? 0.0f : beside(m, n, column);
     /* around a cut a reading at the end of its range is in air */
     skip = skip || (around_cut && (low >= (O2_RANGE_END - O2_STUCK_RANGE)));
-    judge_movement(m, rule, phi, skip, facts);
+    judge_movement(m, n, phi, skip, facts);
 }
 
 /* ---- bias: a fading mean of the residual against the healthy offsets ---- */

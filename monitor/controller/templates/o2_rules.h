@@ -12,6 +12,7 @@ typedef struct {
     uint8_t outcome;
     uint8_t fault;
     bool no_evidence; /* the window counts for nothing */
+    bool is_foreign;  /* the model does not describe the reading */
 } o2_facts;
 
 void o2_bank_begin(o2_monitor *m, float phi);

@@ -7,12 +7,6 @@ typedef struct {
     float high;
 } o2_bounds;
 
-/* the rule on a kind of windows */
-typedef struct {
-    uint16_t n;      /* samples */
-    float dead_most; /* most that a window says of a sensor that does not move, log odds */
-} o2_rule;
-
 /* a sensor of the bank with a gain in a range */
 typedef struct {
     uint8_t column;
@@ -42,7 +36,6 @@ typedef struct {
 extern const float o2_lag_share[O2_N_LAG];
 extern const uint16_t o2_late_steps[O2_N_DELAY];
 extern const float o2_late_part[O2_N_DELAY];
-extern const o2_rule o2_rules[2];
 extern const o2_claim o2_claims[O2_N_CLAIMS];
 extern const o2_bounds o2_gains[O2_N_GAINS];
 extern const o2_range o2_ranges[O2_N_RANGES];

@@ -64,6 +64,7 @@ class Judgement:
     unfinished: tuple[str, ...] = ()  # tests without a decision
     left_s: float | None = None  # enabled driving that the response test still needs
     judges_cuts: bool = False  # the edges of fuel cuts are evidence, too
+    is_foreign: bool = False  # the model does not describe the reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ def causes(seen: Observation, asked: Asked, judgement: Judgement | None = None) 
     if judgement.unfinished and (not found or judgement.windows >= ENOUGH_WINDOWS):
         evidence = _evidence(seen, asked, judgement)
         found = [*grave, *evidence] if grave else [*evidence, *found]
-    if (reason := dead_at_end(seen, asked.card, asked.config, asked.limits)) is not None:
+    if (reason := dead_at_end(seen, asked.card, asked.config)) is not None:
         name = asked.card.output.name
         advice = f"{name} {DEAD[reason]} when the recording ended: check the sensor, record further"
         found.append(Cause("sensor_alive", None, name, reason, advice))
@@ -246,6 +247,9 @@ def _still_inputs(
 def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cause]:
     """Return why tests have no decision though most samples could be judged."""
     trust = asked.limits.trust if asked.limits else UNKNOWN
+    if judgement.is_foreign:
+        advice = "the model does not describe this reading: fit one to this vehicle"
+        return [Cause("response", None, None, "model", advice)]
     if blind := [test for test in judgement.unfinished if trust.is_blind(test)]:
         said = f"tried on {counted(trust.drives, 'drive')}, the model finds none of its faults"
         advice = f"{said}: train on more drives, unlike each other"

@@ -14,7 +14,6 @@ from monitor.base.config import Config, PlausibilityConfig
 from monitor.base.types import BoolArray, FloatArray, IntArray, Quality, QualityArray
 from monitor.judge.electrical.plausibility import ENGINE, READY
 from monitor.judge.enable import CONDITIONS, Enable, Range
-from monitor.judge.limits import Limits
 from monitor.model.card import ModelCard
 
 _BATCH = 2048  # samples that are counted together; a live sample alone would cost more
@@ -116,16 +115,12 @@ class Observation:
         return self
 
 
-def dead_at_end(
-    seen: Observation, card: ModelCard, config: Config, limits: Limits | None
-) -> str | None:
+def dead_at_end(seen: Observation, card: ModelCard, config: Config) -> str | None:
     """Return how the sensor was dead when the recording ended, a key of DEAD; None if it was alive.
 
-    limits : with which the recording was judged
     A sensor need not be alive while the engine stands. It was dead if it gave no usable value in
     the last samples, or if its last values are all alike. In a fuel cut a healthy sensor stands
-    still at the end of its range. Where a reading may stand still for longer than the last values
-    last, they say nothing.
+    still at the end of its range.
     """
     own, output = config.plausibility, card.output
     silent, still = (round(s / seen.period_s) for s in (own.end_s, own.stuck_s))
@@ -147,10 +142,9 @@ def dead_at_end(
         last = Quality(quality.item(-1))
         return _OF_QUALITY.get(last, last.name.lower())
     n = max(still, 2)
-    may_stand = limits is not None and limits.still_s > 0.0
     moves = np.ptp(measured[-n:]) > own.stuck_range
     is_valid = len(values) >= n and (conditions[:, _VALID] & running)[-n:].all()
-    if moves or may_stand or not is_valid:
+    if moves or not is_valid:
         return None
     if measured[-1] < output.maximum:
         return "frozen"

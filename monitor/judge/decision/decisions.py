@@ -19,7 +19,7 @@ from monitor.judge.electrical.plausibility import TickResult
 from monitor.judge.findings import Change, CutJudged, RuleOff, WindowJudged
 from monitor.judge.limits import Limits
 from monitor.judge.response.bank import EDGES
-from monitor.judge.response.movement import Moved
+from monitor.judge.response.movement import DEAD, Moved
 from monitor.judge.response.rule import Response
 from monitor.judge.trust import OF_MODEL
 from monitor.judge.window import Opinion, Window
@@ -54,6 +54,7 @@ class Decisions:
         self._transform = card.transform
         self.facts = WindowFacts(limits, config, card)
         self._may_be_dead = False
+        self.is_foreign = False  # the model does not describe the reading
         # a drive has one fuel; the offsets of other outputs have no known bound
         step_most = config.bias.fuel_span_lambda if card.transform == "phi" else math.inf
         self._bias = BiasRule(config.bias, limits, step_most)
@@ -105,6 +106,9 @@ class Decisions:
 
         A window around a fuel cut tells of the response alone.
         """
+        explained = facts.response.explained
+        least = self._limits.trust.least_explained
+        self.is_foreign = explained is not None and explained < least
         response = self._told("response", self._unless_dead(facts.response, facts.moved))
         if window.is_cut:
             found = response.outcome, response.fault, response.statistics
@@ -158,9 +162,13 @@ class Decisions:
         return response
 
     def _told(self, test: str, found: Finding) -> Finding:
-        """Return a finding, unless the model mistakes its errors for it or excludes no fault."""
+        """Return a finding, unless the model mistakes its errors for it or excludes no fault.
+
+        Nor does a model find anything in a reading that it does not describe, but that it is dead.
+        """
         is_own = found.outcome == "failed" and found.fault in self._limits.trust.untold
-        if is_own or (found.outcome == "passed" and test in self._blind):
+        is_foreign = self.is_foreign and found.fault != DEAD
+        if is_own or is_foreign or (found.outcome == "passed" and test in self._blind):
             return replace(found, outcome="inconclusive", fault=None, also=())
         return found
 

@@ -25,7 +25,6 @@ from monitor.judge.electrical.plausibility import (
 from monitor.judge.limits import Limits
 from monitor.model.card import Channel
 
-STRETCHES_OF_A_CODE: Final = 2  # in which the reading stands still; see response_fail
 LEAST: Final = 3  # equal readings of a visit; two may be chance
 RETURNS: Final = TickResult("response", True, "intermittent")
 
@@ -66,22 +65,16 @@ class ActivityTest:
     in training.
 
     output : of the model; names : of the signals of a sample
-    still_s : time for which this car's healthy reading may stand still, if longer than usual
     """
 
     def __init__(
-        self,
-        config: PlausibilityConfig,
-        output: Channel,
-        names: Sequence[str],
-        period_s: float,
-        still_s: float = 0.0,
+        self, config: PlausibilityConfig, output: Channel, names: Sequence[str], period_s: float
     ) -> None:
         self._config = config
         dwelt = output.percentile_0_1 - output.minimum <= config.stuck_range
         self._cold = output.minimum if dwelt and not {ENGINE, READY} & set(names) else -math.inf
         self._saturated = math.inf if "fuel_cut" in names else output.maximum
-        self._n = max(round(max(config.stuck_s, still_s / STRETCHES_OF_A_CODE) / period_s), 2)
+        self._n = max(round(config.stuck_s / period_s), 2)
         self._cuts = math.ceil(config.fuel_cut_most_s / (self._n * period_s))
         self.reset()
 
@@ -206,8 +199,7 @@ class ElectricalTests:
 
     names : signals of a sample
     output : the measured signal among them, with its range in training
-    limits : of the car's model, with the time for which a healthy reading may stand still, and the
-        noise, beyond which a step of the reading is a jump
+    limits : of the car's model, with the noise, beyond which a step of the reading is a jump
     is_expected : whether the sender is known, so that its silence from the start is a fault
     """
 
@@ -222,12 +214,12 @@ class ElectricalTests:
         is_expected: bool = True,
     ) -> None:
         own = config.plausibility
-        noise, still_s = (limits.noise, limits.still_s) if limits else (0.0, 0.0)
+        noise = limits.noise if limits else 0.0
         self._output = names.index(output.name)
         self._readiness = Readiness(own, names, period_s)
         self.plausibility = Plausibility(own, names, output.name, period_s, is_expected=is_expected)
         self._maturing = Maturing(*ticks_to_mature(config.debounce, period_s))
-        self._activity = ActivityTest(own, output, names, period_s, still_s)
+        self._activity = ActivityTest(own, output, names, period_s)
         self._returns = ReturnTest(max(noise, own.stuck_band_at_one), own.visits)
         self._knows_cuts = "fuel_cut" in names
 

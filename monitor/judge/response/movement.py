@@ -35,9 +35,7 @@ class Moved(NamedTuple):
 class MovementRule:
     """Sequential test over windows, constant memory.
 
-    limits : with the healthy residual's spread and memory, and the time for which the healthy
-        reading may stand still. A window is a part of it, and says no more of a dead sensor, or of
-        a hold, than this part of what decides.
+    limits : with the healthy residual's spread and memory
     period_s : of the samples
     """
 
@@ -48,7 +46,6 @@ class MovementRule:
         self._independent = (1.0 - limits.noise_memory) / (1.0 + limits.noise_memory)
         self._hold = max(round(own.hold_s / period_s), own.hold_samples) - 1
         self._dead = self._holds = 0.0
-        self._still = limits.still_s / period_s
 
     def judge(
         self,
@@ -94,12 +91,8 @@ class MovementRule:
         still = np.clip(own, least, np.maximum(most, least))
         alive = still + least_alive
         ratio = np.log(alive / still) - own * (1.0 / still - 1.0 / alive)
-        sound, dead = -0.5 * self._needed, self._most(n)
-        return np.asarray(np.clip(0.5 * n * self._independent * ratio, sound, dead))
-
-    def _most(self, n: int) -> float:
-        """Return the most that a window of n samples says of a sensor that does not move."""
-        return self._needed * min(n / max(self._still, n), 0.5)
+        most = 0.5 * self._needed
+        return np.asarray(np.clip(0.5 * n * self._independent * ratio, -most, most))
 
     def _hold_ratios(self, measured: FloatArray, healthy: FloatArray) -> FloatArray:
         """Return the evidence of the longest hold of each window, (w,)."""
@@ -118,5 +111,5 @@ class MovementRule:
         high = np.where(inside, healthy, -np.inf).max(axis=1)
         low = np.where(inside, healthy, np.inf).min(axis=1)
         beyond = np.maximum(self._config.gain_least * (high - low) - step, 0.0)
-        unlikely = np.minimum(beyond**2 / (4.0 * self._noise_var), self._most(len(at)))
+        unlikely = np.minimum(beyond**2 / (4.0 * self._noise_var), 0.5 * self._needed)
         return np.where(is_hold, unlikely, none)

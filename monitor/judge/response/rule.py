@@ -56,6 +56,7 @@ class Response(Opinion):
     """The finding of the response rule after a window."""
 
     column: int  # of the bank: what the likeliest sensor reads
+    explained: float | None = None  # share of the reading that it explains; None before any window
     statistics: Estimates
 
 
@@ -75,6 +76,7 @@ class Said(NamedTuple):
     gain: FloatArray  # (w, n_claims) log likelihood
     ratio: FloatArray  # (w, n_columns) log of the reading's variance over that of a sound sensor
     moved: FloatArray  # (w, n_columns) share of the prediction in that variance, 0 to 1
+    explained: FloatArray  # (w, n_columns) share of the reading so far, 0 to 1
 
 
 class ResponseRule:
@@ -125,6 +127,7 @@ class ResponseRule:
         self._sums: FloatArray = np.full((3, self._n_columns + 1), GAIN_KNOWN)
         # sums of ``moved``, of its square and of its product with ``ratio``, of a column
         self._amplitudes: FloatArray = np.zeros((3, self._n_columns + 1))
+        self._explained: FloatArray = np.zeros(self._n_columns + 1)
         self.windows = 0  # that were not ignored
 
     @property
@@ -146,8 +149,8 @@ class ResponseRule:
     @property
     def explained(self) -> float | None:
         """Return the share of the reading that the likeliest sensor explains; None at first."""
-        sxx, sxy, syy = self._sums[:, self._columns[self._evidence.argmax()]].tolist()
-        return sxy**2 / (sxx * syy) if self.windows else None
+        column = self._columns[self._evidence.argmax()]
+        return float(self._explained[column]) if self.windows else None
 
     @property
     def drive_gain(self) -> float:
@@ -167,12 +170,12 @@ class ResponseRule:
         """
         places = np.flatnonzero(~ignore)
         said = self.said(self.regressed(measured[places], [banks[i] for i in places.tolist()]))
-        rest = zip(self.weighted(said), said.moved, said.ratio, strict=True)
+        rest = zip(self.weighted(said), said.moved, said.ratio, said.explained, strict=True)
         found = []
         for bank, ignored in zip(banks, ignore.tolist(), strict=True):
             if not ignored:
                 self.windows += 1
-                added, moved, ratio = next(rest)
+                added, moved, ratio, self._explained = next(rest)
                 self._evidence += added
                 # a long healthy time must not outweigh the fault that follows it (Page's test)
                 self._evidence -= self._evidence.max()
@@ -210,9 +213,10 @@ class ResponseRule:
         """
         gain, new_var = self._limits.gain_expected, self._limits.innovation_var
         predicted, product = gain**2 * moments.sxx, gain * moments.sxy
-        timing = np.empty((len(predicted), len(self.claims)))
-        for each, *own in zip(timing, predicted, product, moments.syy, moments.n, strict=True):
-            each[:] = self._timing(*own)
+        timing, explained = np.empty((len(predicted), len(self.claims))), np.empty_like(predicted)
+        for k, own in enumerate(zip(predicted, product, moments.syy, moments.n, strict=True)):
+            timing[k] = self._timing(*own)
+            explained[k] = self._sums[1] ** 2 / (self._sums[0] * self._sums[2])
         sound = predicted + new_var
         measured = np.log(moments.syy + self._least_var)[:, np.newaxis]
         least, most = (
@@ -220,7 +224,7 @@ class ResponseRule:
             for gains in (self._gain_low, self._gain_high)
         )
         beyond = np.maximum(least - measured, 0.0) + np.maximum(measured - most, 0.0)
-        return Said(timing, -beyond, measured - np.log(sound), predicted / sound)
+        return Said(timing, -beyond, measured - np.log(sound), predicted / sound, explained)
 
     def weighted(self, said: Said) -> FloatArray:
         """Return what windows add to the claims' evidence, (w, n_claims), the best claim's 0."""
@@ -262,7 +266,7 @@ class ResponseRule:
         sound = evidence[self._surely].max() - evidence[self._others].max(initial=-math.inf)
         best = claims[evidence.argmax()]
         times, gain = self._estimated_times(), self._gain(best.column)
-        own = excitation, margin, best.fault or "healthy", *times, *gain
+        own = Estimates._make((excitation, margin, best.fault or "healthy", *times, *gain))
         outcome: Outcome = "inconclusive"
         name, also = None, tuple[str, ...]()
         if is_usable and margin >= self._config.evidence_fail:
@@ -270,7 +274,8 @@ class ResponseRule:
         elif is_usable and sound >= self._config.evidence_pass:
             outcome = "passed"
         column = best.column if best.column < self._n_columns else 0
-        return Response(outcome, name, also, column=column, statistics=Estimates._make(own))
+        share = self.explained
+        return Response(outcome, name, also, column=column, explained=share, statistics=own)
 
     def _alike(self, best: int) -> tuple[str, ...]:
         behind = self._evidence[best] - self._evidence[self._faults]

@@ -21,8 +21,8 @@ NOISE, N = 0.006, 50
 RNG = np.random.default_rng(11)
 
 
-def rule(still_s: float = 0.0, noise: float = NOISE) -> MovementRule:
-    limits = replace(NO_LIMITS, noise=noise, noise_memory=0.5, still_s=still_s)
+def rule(noise: float = NOISE) -> MovementRule:
+    limits = replace(NO_LIMITS, noise=noise, noise_memory=0.5)
     return MovementRule(config.load(), limits, PERIOD_S)
 
 
@@ -36,11 +36,9 @@ def noisy(phi: FloatArray) -> FloatArray:
     return phi + 0.002 * RNG.standard_normal(phi.shape)
 
 
-def faults(
-    measured: FloatArray, healthy: FloatArray, still_s: float = 0.0, noise: float = NOISE
-) -> list[str | None]:
+def faults(measured: FloatArray, healthy: FloatArray, noise: float = NOISE) -> list[str | None]:
     none = np.zeros(len(measured), dtype=np.bool_)
-    return [each.fault for each in rule(still_s, noise).judge(measured, healthy, none)]
+    return [each.fault for each in rule(noise).judge(measured, healthy, none)]
 
 
 @pytest.mark.parametrize("level", [0.93, 1.0, 1.07])
@@ -59,13 +57,6 @@ def test_a_dead_sensor_may_have_more_noise_than_a_good_model_errs() -> None:
     assert faults(dead, healthy, noise=0.0026)[-1] == DEAD
     weak = dead + 0.4 * (healthy - 1.0)
     assert not any(faults(weak, healthy, noise=0.0026))
-
-
-def test_a_reading_may_stand_still_for_as_long_as_healthy_ones_before_it_is_called_dead() -> None:
-    healthy, still_s = mixture(60, 0.02), 100.0
-    found = faults(noisy(np.ones_like(healthy)), healthy, still_s)
-    assert found.index(DEAD) + 1 >= still_s / (N * PERIOD_S)
-    assert not any(faults(held(noisy(healthy), 3.0, 12.0), healthy, still_s)[:20])
 
 
 @pytest.mark.parametrize(("share", "fault"), [(1.0, None), (0.5, DEAD)])

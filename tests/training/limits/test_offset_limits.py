@@ -161,8 +161,8 @@ def test_drives_without_windows_say_nothing_of_gains_and_evidence() -> None:
 
 
 def test_an_earlier_calibration_does_not_change_the_next_one() -> None:
-    # GIVEN a card that an earlier calibration gave little weight and long stillness
+    # GIVEN a card that an earlier calibration gave little weight
     drive = load(LOG, period_s=0.1)
-    earlier = replace(LIMITS, evidence=0.1, still_s=100.0)
+    earlier = replace(LIMITS, evidence=0.1)
     # WHEN its limits are set anew THEN they are those of a card without any
     assert evidence_limits([drive] * 2, earlier) == evidence_limits([drive] * 2)

@@ -15,12 +15,10 @@ from monitor.base.faults import resolve
 from monitor.cli import main
 from monitor.judge.limits import Limits
 from monitor.judge.trust import Trust, in_words
-from monitor.memory.codes import TESTS
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
 from training.limits.judging import judge_recordings
-from training.limits.response.stillness import DAY_S, next_longest, still_limits
 from training.limits.trust import LIMIT_FAULTS, MOST_DRIVES, trust_of
 from training.narx.export import update_card
 from training.recordings.recording import Recording, load
@@ -29,7 +27,6 @@ from training.recordings.sensor_fault import put_on
 LOG = Path("replay_logs/healthy_micro_trips_v102_s102.blf")
 SETTINGS = config.load()
 MODEL = Model.load(shipped_model())
-FIRST, EVERY, HOLD_S = 1000, 1500, 90.0  # samples at which a hold begins, and how long it lasts
 
 
 @cache
@@ -37,92 +34,9 @@ def healthy() -> Recording:
     return load(LOG, period_s=0.1)
 
 
-def with_readings(values: np.ndarray, *, tells_cut: bool = True) -> Recording:
-    recording = healthy()
-    names = list(recording.names)
-    table = recording.values.copy()
-    table[:, names.index("lambda_measured")] = values
-    if not tells_cut:
-        names[names.index("fuel_cut")] = "fuel_cut_of_nobody"
-    return replace(recording, values=table, names=tuple(names))
-
-
-def readings() -> np.ndarray:
-    return healthy().column("lambda_measured")
-
-
-def holding(hold_s: float, every: int = EVERY) -> Recording:
-    """Return the recording of a logger that repeats the reading for a while now and then."""
-    values, n = readings().copy(), round(hold_s * 10)
-    for first in range(FIRST, len(values) - n, every):
-        values[first : first + n] = values[first]
-    return with_readings(values)
-
-
-def stuck(recording: Recording, still_s: float) -> bool:
-    limits = replace(Limits.from_card(MODEL.card, SETTINGS, "shipped"), still_s=still_s)
-    judged = judge_recordings([recording], MODEL, limits, SETTINGS)[0]
-    return any(change.dtc.fault in TESTS["activity"] for change in judged.changes)
-
-
-def still_s(*recordings: Recording) -> float | None:
-    """Return the limit, None if the usual time suffices."""
-    found = still_limits(recordings, MODEL.card, SETTINGS)
-    return found["still_s"].value if found else None
-
-
-def test_a_reading_that_moves_keeps_the_usual_time_even_with_one_recording() -> None:
-    assert still_s(healthy()) is None
-
-
-def test_a_reading_in_whole_hundredths_keeps_the_usual_time() -> None:
-    noisy = readings() + 0.01 * np.random.default_rng(3).standard_normal(len(readings()))
-    assert still_s(with_readings(np.round(noisy, 2))) is None
-
-
-def test_a_reading_that_once_stood_still_for_minutes_is_no_longer_called_stuck() -> None:
-    logged = holding(HOLD_S)
-    assert stuck(logged, 0.0)
-    learned = still_s(logged) or 0.0
-    assert learned > 10 * HOLD_S
-    assert not stuck(logged, learned)
-
-
-def test_the_bound_holds_for_a_drive_after_a_single_one_and_tightens_with_more() -> None:
-    # GIVEN drives whose stretches follow the law that the bound supposes, with a common exponent
-    rng = np.random.default_rng(5)
-    drives = np.expm1(rng.exponential(0.25, size=(4000, 300)))
-    # WHEN the longest stretch of each is compared with the bound of the one before, and of eight
-    single = [next_longest([drive.tolist()]) for drive in drives[:-1]]
-    several = [next_longest(drives[k : k + 8].tolist()) for k in range(0, 3992, 40)]
-    beyond = np.count_nonzero(drives[1:].max(axis=1) > single)
-    # THEN about one of a thousand exceeds it
-    assert 0 < beyond <= 12
-    assert np.median(several) < np.median(single)
-
-
-def test_one_long_stretch_of_a_single_drive_supports_no_bound() -> None:
-    assert next_longest([[40.0]]) == DAY_S
-
-
-def test_a_drive_without_a_stretch_leaves_the_usual_time() -> None:
-    assert next_longest([[]]) == 0.0
-
-
-def test_standing_at_the_end_of_the_range_counts_where_a_signal_tells_the_fuel_cut() -> None:
-    # GIVEN a reading that stands at its end for longer now and then, as that of a lean engine
-    values, end = readings().copy(), MODEL.card.output.maximum
-    for k, n in enumerate((50, 200, 350, 500, 600)):
-        values[500 + 800 * k :][:n] = end
-    # WHEN the fuel cut is told or not
-    silent = with_readings(values, tells_cut=False)
-    # THEN only the first has stood still: in the second each time may have been a fuel cut
-    assert (still_s(with_readings(values)) or 0.0) > 60.0
-    assert still_s(silent) is None
-
-
-def test_a_card_of_an_earlier_version_with_a_time_at_the_end_of_the_range_judges_as_any() -> None:
-    limits = CARD.limits | {"still_end_s": Limit(300.0, "s", "")}
+@pytest.mark.parametrize("name", ["still_s", "still_end_s"])
+def test_a_card_of_an_earlier_version_with_times_of_stillness_judges_as_any(name: str) -> None:
+    limits = CARD.limits | {name: Limit(300.0, "s", "")}
     assert Limits.from_card(replace(CARD, limits=limits), SETTINGS, "old") == LIMITS
 
 
@@ -180,17 +94,21 @@ def test_what_twins_saw_in_parts_of_one_drive_is_told_of_one_drive() -> None:
     assert found["found"] == {name: max(each[name] for each in alone) for name in NAMES}
 
 
-def test_a_drive_of_which_the_model_explains_less_than_of_any_before_is_asked_about() -> None:
+def test_a_drive_that_the_model_does_not_describe_gets_no_code_and_no_pass() -> None:
     # GIVEN a model that explained most of a reading, and a drive with another drive's reading
     trust = Trust.from_card(trust_of([(MODEL, [healthy()])], CARD, SETTINGS, "m"), "m")
     assert trust.explained > 0.5
     own, values = healthy(), healthy().values.copy()
     values[:, own.names.index(MODEL.card.output.name)] = own.column(MODEL.card.output.name)[::-1]
     other = replace(own, values=values)
-    # WHEN both are judged THEN only of the other one is asked whose it is
-    for drive, is_told in ((own, False), (other, True)):
-        share = judge_recordings([drive], MODEL, LIMITS, SETTINGS)[0].explained
-        assert ("is it another vehicle's?" in in_words(trust.entry(share))) is is_told
+    # WHEN both are judged THEN only of the other one is asked whose it is, and nothing is found
+    limits = replace(LIMITS, trust=trust)
+    for drive, is_other in ((own, False), (other, True)):
+        (judged,) = judge_recordings([drive], MODEL, limits, SETTINGS)
+        assert ("is it another vehicle's?" in in_words(trust.entry(judged.explained))) is is_other
+        assert judged.dtcs == []
+        assert ("passed" in {w.outcome for w in judged.windows[-10:]}) is not is_other
+    assert codes_of(other, LIMITS) != []
 
 
 def test_a_model_that_trusts_itself_too_much_learns_which_faults_it_mistakes() -> None:
