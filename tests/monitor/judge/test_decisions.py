@@ -127,5 +127,11 @@ def test_a_vehicle_s_reference_learns_from_no_window_that_counts_for_nothing(set
     # THEN the reference learns the offset of those that count
     assert given.seen is not None
     assert given.seen.offset == 0.0
-    # AND nothing from a drive in which too few count
+    # AND nothing from a drive in which too few count, or one was suspicious, or that has a code
     assert judged(decisions(setup), *[facts(), still] * (enough - 1)).seen is None
+    assert (
+        judged(decisions(setup), *[facts()] * enough, facts("failed"), *[facts()] * 5).seen is None
+    )
+    given = judged(decisions(setup), *[facts()] * enough)
+    given.store.fail("signal_missing", 1)
+    assert given.seen is None

@@ -53,28 +53,6 @@ def codes(events: list[Event]) -> list[tuple[str, str | None]]:
     return [(e.dtc.code, e.dtc.state) for e in events if isinstance(e, DtcChanged) if e.dtc.fault]
 
 
-def test_two_drives_in_one_stream_are_judged_as_in_two_recordings(
-    setup: replay.Setup, late_sensor: list[Frame]
-) -> None:
-    # GIVEN the same drive twice, ten minutes of silence in between
-    length_s = (late_sensor[-1].t_ns - late_sensor[0].t_ns) / 1e9
-    both = late_sensor + later(late_sensor, length_s + 10 * MINUTE)
-    # WHEN it is judged as one stream, and as two recordings one after the other
-    one, two = DtcStore(), DtcStore()
-    stream = judge(both, setup, one)
-    apart = [judge(late_sensor, setup, two) for _ in range(2)]
-    assert codes(apart[0]) == [("P015A", "pending")]
-    assert codes(apart[1])[-1] == ("P015A", "confirmed")
-    in_stream = [state for code, state in codes(stream) if code == "P015A"]
-    assert (in_stream[0], in_stream[-1]) == ("pending", "confirmed")
-    assert sum(isinstance(event, CycleStarted) for event in stream) == 1
-    assert [d.status for d in one.all if d.code == "P015A"] == [0xAF]
-    assert [d.status for d in two.all if d.code == "P015A"] == [0xAF]
-    assert one.permanent == two.permanent == ("P015A",)
-    assert one.counts.ignition_cycles == two.counts.ignition_cycles == 2
-    assert {r.test: r.numerator for r in one.ratios}["response"] == 2
-
-
 def test_a_code_keeps_the_signals_of_its_setting_beside_the_latest_results_of_service_06(
     setup: replay.Setup, late_sensor: list[Frame]
 ) -> None:

@@ -22,8 +22,7 @@ def learned(offsets: list[float], gain: float = 1.0) -> Reference:
 
 def is_found(offset: float, reference: Reference) -> bool:
     """Whether a drive with this offset raises the bias fault within 40 windows."""
-    low, high = reference.offset_range(BIAS)
-    limits = Limits(offset_low=low, offset_high=high, offset_std=BIAS.window_std_lambda)
+    limits = Limits(offset_std=BIAS.window_std_lambda).of_vehicle(reference, BIAS)
     rule = BiasRule(BIAS, limits)
     return any(rule.judge(offset).outcome == "failed" for _ in range(40))
 
