@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, pairwise, repeat
+from itertools import chain, repeat
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from monitor.base.types import Quality, SampleBlock
 from monitor.grid.block_samples import Clearing
 from monitor.judge import enable
 from monitor.judge.limits import Limits
-from monitor.judge.response.bank import Bank
 from monitor.memory.dtc_store import DtcStore
 from monitor.memory.reference import Reference
 from monitor.model.step import Model
@@ -301,37 +300,6 @@ def test_an_infinite_input_is_refused_by_name_either_way(tiny: dict[str, Model])
 def test_an_input_of_the_model_that_is_not_there_is_named() -> None:
     with pytest.raises(RecordingError, match="rail_pressure_mpa"):
         RecordingJudge(NAMES, Model.load(shipped_model()), TIGHT, SHIPPED)
-
-
-@pytest.mark.parametrize("period_s", [0.1, 0.07, 1.0])
-@given(
-    lengths=st.lists(st.integers(1, 200), min_size=1, max_size=6),
-    seed=st.integers(0, 2**32 - 1),
-    cuts=st.lists(st.integers(1, 199)),
-)
-def test_the_bank_reads_alike_for_one_signal_and_for_many_and_in_blocks(
-    period_s: float, lengths: list[int], seed: int, cuts: list[int]
-) -> None:
-    lengths.sort(reverse=True)
-    rng = np.random.default_rng(seed)
-    values = 1.0 + 0.1 * np.sin(np.cumsum(rng.normal(0.0, 0.5, (len(lengths), lengths[0])), axis=1))
-    values[rng.random(values.shape) < 0.2] = 1.0  # also stretches without a change
-    bank = Bank(SHIPPED.response, period_s)
-    states = [bank.begin(value) for value in values[:, 0].tolist()]
-    begin = [int(rng.integers(0, length)) for length in lengths]
-    end = [int(rng.integers(a, length + 1)) for a, length in zip(begin, lengths, strict=True)]
-    spans = [(row, a, b) for row, (a, b) in enumerate(zip(begin, end, strict=True))]
-    read, ends = bank.push(values, lengths, states, spans)
-    for i, length in enumerate(lengths):
-        state, alone = states[i], []
-        for a, b in pairwise([0, *sorted(k for k in set(cuts) if k < length), length]):
-            part = values[i : i + 1, a:b]
-            found, (state,) = bank.push(part, [b - a], [state], [(0, 0, b - a)])
-            alone += found
-        expected = np.concatenate(alone)
-        np.testing.assert_array_equal(read[i], expected[begin[i] : end[i]])
-        np.testing.assert_array_equal(state.lags, ends[i].lags)
-        np.testing.assert_array_equal(state.past, ends[i].past)
 
 
 MODEL = Model.load(shipped_model())

@@ -43,6 +43,7 @@ def bad(ninety_seconds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     blanks = [f"{i / 10}" + ",nan" * (len(names) - 1) for i in range(900)]
     for name, text in {
         "drive.log": "".join(lines),
+        "brief.log": "".join(lines[:3]),
         "corrupt.log": "".join([*lines[:500], *["(12.0) can0 0C2#zz\n"] * 9, *lines[500:]]),
         "drive.docx": "no log",
         "own_map.toml": own_map.replace('"RailPressure"', '"RailPresure"'),
@@ -70,6 +71,7 @@ def bad(ninety_seconds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("replay nowhere.log", ["nowhere.log", "No such file"]),
         ("replay corrupt.log", ["corrupt.log", "500 frames"]),
+        ("replay brief.log", ["brief.log: shorter than one sample of the model's grid"]),
         ("replay drive.docx", ["drive.docx"]),
         # the message that a DBC lacks, a signal that it lacks, an input that a map lacks
         ("replay drive.log --dbc rusefi.dbc --map o2_ecu.toml", ["rusefi.dbc", "ECU_Air"]),
