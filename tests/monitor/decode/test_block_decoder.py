@@ -40,6 +40,14 @@ def test_a_restart_forgets_counters_and_counts() -> None:
     assert subject.one(frame) is not None
 
 
+def test_an_alive_counter_goes_on_from_block_to_block() -> None:
+    frames, subject = lambda_frames([1.0] * 4), Decoding(OWN, OWN.names)
+    assert subject.one(frames[0]) is not None
+    assert subject.one(frames[0]) is None  # it stands still
+    subject.one(frames[3])
+    assert subject.decoder.counters["ECU_Lambda"].lost == 2
+
+
 @pytest.mark.parametrize("start", [1, 12, 47])
 def test_a_checksum_across_bytes_is_refused(tmp_path: Path, start: int) -> None:
     signals = f' SG_ X0 : 0|1@1+ (1,0) [0|1] "" A\n SG_ Crc : {start}|8@1+ (1,0) [0|0] "" A'
@@ -222,36 +230,6 @@ def assert_alike(
 
 
 cuts = st.lists(st.integers(0, 60), max_size=4)
-
-
-@st.composite
-def ecu_frames(draw: st.DrawFn) -> list[Frame]:
-    """Frames whose counters advance, stand still or jump; some with a wrong bit or length."""
-    messages = sorted({c.message.frame_id for c in OWN.channels.values()})
-    counts = dict.fromkeys(messages, draw(st.integers(0, 15)))
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    frames = []
-    for _ in range(draw(st.integers(0, 60))):
-        can_id = draw(st.sampled_from(messages[: draw(st.sampled_from([1, 2, 7]))]))
-        counts[can_id] = (counts[can_id] + draw(st.sampled_from([1, 1, 1, 1, 0, 2, 5]))) % 16
-        raw = bytearray(rng.choice([0, 1, 40, 255], 8).astype(np.uint8).tobytes())
-        raw[6] = raw[6] & 0x0F | counts[can_id] << 4
-        raw[7] = payload_checksum("crc8_sae_j1850_id", can_id, raw, 7)
-        what = draw(st.sampled_from(["sound"] * 6 + ["bit", "length", "long", "extended", "other"]))
-        if what == "bit":
-            raw[draw(st.integers(0, 7))] ^= 1 << draw(st.integers(0, 7))
-        data = {"length": bytes(raw[:5]), "long": bytes(raw) + bytes(4)}.get(what, bytes(raw))
-        number = 0x700 if what == "other" else can_id
-        frames.append(Frame(len(frames), number, what == "extended", data))
-    return frames
-
-
-@inputs(200)
-@given(frames=ecu_frames(), cuts=cuts, names=st.sets(st.sampled_from(OWN.names), min_size=1))
-def test_protected_frames_give_the_same_values_and_counters(
-    frames: list[Frame], cuts: list[int], names: set[str]
-) -> None:
-    assert_alike(OWN, sorted(names), frames, cuts)
 
 
 @inputs(200)
