@@ -17,7 +17,7 @@ from monitor.cli import _parser as o2mon_parser
 from monitor.memory.codes import codes_of
 from monitor.report.words import Advice, known_faults
 from tests.conftest import ROOT
-from tests.helpers.documentation import blocks, commands, pages
+from tests.helpers.run_documentation import blocks, commands, pages
 from training.cli import _parser as o2train_parser
 
 PAGES = pages(ROOT)

@@ -3,9 +3,11 @@
     python -m tests.helpers.run_documentation [PAGE …]
 
 Each page has a scratch folder with the files that its commands name: simulated drives, databases,
-a model. A block without a mark (``tests.helpers.documentation``) is run line by line in one shell;
-a command may end with 0, ``o2mon`` also with a verdict (1) or without one (3). A training is cut
-short by a wrapper: what counts is that the command works as written.
+a model. A block is run line by line in one shell, unless a comment above it says why not:
+``<!-- not run: needs a bus -->``, or for the lines with some words,
+``<!-- not run: can0, candump: needs a bus -->``. A command may end with 0, ``o2mon`` also with a
+verdict (1) or without one (3). A training is cut short by a wrapper: what counts is that the
+command works as written.
 """
 
 import os
@@ -15,11 +17,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from tests.helpers.documentation import Block, blocks, commands, pages
-
 ROOT = Path(__file__).resolve().parents[2]
+SHELL = ("sh", "bash", "console")
+BLOCK = re.compile(
+    r"(?:^<!-- not run: (?P<reason>.*?) -->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```",
+    re.S | re.M,
+)
 SECONDS = 600  # most for a line
 MAPS = re.compile(r"--out (\S+\.toml)")
 DRIVES = ("drive1", "drive2", "drive3", "drive4", "drive9")
@@ -53,6 +60,48 @@ case "$*" in *greybox*) short= ;; *) case $command in
 {cases} *) short= ;; esac ;; esac
 exec {program} $command "$@" $short
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A block of shell commands."""
+
+    page: Path
+    line: int
+    text: str
+    reason: str | None  # why it is not run, or a part of it
+
+    @property
+    def place(self) -> str:
+        return f"{self.page.name}:{self.line}"
+
+    def skipped(self, command: str) -> bool:
+        """Return whether the reason holds for a command of the block."""
+        if self.reason is None:
+            return False
+        words, colon, _ = self.reason.partition(": ")
+        return not colon or any(word in command for word in words.split(", "))
+
+
+def pages(root: Path) -> list[Path]:
+    """Return README and all pages below docs/."""
+    return [root / "README.md", root / "SECURITY.md", *sorted((root / "docs").rglob("*.md"))]
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """Yield the blocks of shell commands of a page."""
+    text = page.read_text()
+    for match in BLOCK.finditer(text):
+        if match["language"] in SHELL:
+            line = text[: match.start("text")].count("\n")
+            yield Block(page, line, match["text"], match["reason"])
+
+
+def commands(text: str) -> list[str]:
+    """Return the commands of a block, each on one line; comments and continuations are gone."""
+    joined = re.sub(r"\\\n\s*", " ", text)
+    lines = [line.strip() for line in joined.splitlines()]
+    return [line for line in lines if line and not line.startswith("#")]
 
 
 def shared_files(folder: Path) -> None:
