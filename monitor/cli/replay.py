@@ -22,7 +22,7 @@ EXAMPLES = """examples:
   o2mon replay table.csv --model mine.onnx --columns names.toml
 
 exit code: 0 judged and no fault, 1 a fault code is pending or confirmed, 2 unusable input,
-3 not judged"""
+3 not judged, 4 internal error"""
 
 
 @dataclass(frozen=True, kw_only=True)
