@@ -29,7 +29,7 @@ A map is a TOML file beside a DBC::
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -158,13 +158,9 @@ def _one_of(table: TomlTable, key: str, known: Collection[str], default: str) ->
 
 
 def _integrity(table: TomlTable, base: Integrity) -> Integrity:
-    table.only(each.name for each in fields(Integrity))
-    return Integrity(
-        counter=table.value("counter", str, base.counter),
-        checksum=table.value("checksum", str, base.checksum),
-        algorithm=_one_of(table, "algorithm", ALGORITHMS, base.algorithm),
-        not_available=_one_of(table, "not_available", ("", "all_ones"), base.not_available),
-    )
+    _one_of(table, "algorithm", ALGORITHMS, base.algorithm)
+    _one_of(table, "not_available", ("", "all_ones"), base.not_available)
+    return table.record(base)
 
 
 def _names(table: TomlTable) -> Iterator[str]:

@@ -35,6 +35,5 @@ def load_columns(path: Path) -> dict[str, Column]:
 def _column(raw: TomlTable, name: str) -> Column:
     if not isinstance(raw.tree[name], dict):
         return Column(raw.value(name, str))
-    own = raw.table(name).only(("column", "factor", "offset"))
-    factor, offset = own.value("factor", float, 1.0), own.value("offset", float, 0.0)
-    return Column(own.value("column", str), factor, offset)
+    own = raw.table(name)
+    return own.record(Column(own.value("column", str)))

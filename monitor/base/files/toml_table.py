@@ -1,12 +1,14 @@
 """A table of a parsed TOML file whose keys and values are checked as they are taken."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from monitor.base.errors import O2Error
 from monitor.base.files.inputs import as_number, in_words, read_toml
 
+T = TypeVar("T")
 _NEEDED: Final = object()  # the default of a key that has none
 _WANTED: Final = {
     str: ("a text is", "texts are"),
@@ -77,6 +79,23 @@ class TomlTable:
         if not isinstance(listed, list) or None in values:
             raise self.unwanted(key, _WANTED[kind][1])
         return values
+
+    def record(self, base: T, keys: Mapping[str, str] | None = None) -> T:
+        """Return a dataclass with this table's values in the fields that it names.
+
+        keys : of fields that have another name than their key
+        """
+        hints, renamed = get_type_hints(type(base)), keys or {}
+        names = {renamed.get(name, name): name for name in hints}
+        self.only(names)
+        values = {}
+        for key in self:
+            kind, *_ = get_args(hints[names[key]]) or (hints[names[key]],)  # X of X | None
+            is_list = get_origin(hints[names[key]]) is tuple
+            values[names[key]] = (
+                self.values(key, kind, or_one=True) if is_list else self.value(key, kind)
+            )
+        return replace(base, **values)  # type: ignore[type-var]
 
     def table(self, key: str, where: str | None = None) -> "TomlTable":
         """Return the table under a key, empty if there is none."""

@@ -37,15 +37,6 @@ from monitor.frames.tables.raw_table import Pivot
 
 STOICH_AFR: Final = 14.7
 _SOURCE_NAMES: Final = {"units": "unit", "inverted": "not"}  # fields whose keys differ
-_SOURCE_FIELDS: Final = {key: name for name, key in _SOURCE_NAMES.items()}
-_SOURCE_KEYS: Final[dict[str, tuple[type, bool]]] = {  # kind of value, and whether it is a list
-    "column": (str, False),
-    **dict.fromkeys(("unit", "words"), (str, True)),
-    **dict.fromkeys(("equals", "pinned"), (float, True)),
-    **dict.fromkeys(("factor", "offset", "above"), (float, False)),
-    "bit": (int, False),
-    "not": (bool, False),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,11 +179,10 @@ def source_tree(source: Source) -> dict[str, Any]:
 
 
 def _recognition(table: TomlTable) -> Recognition:
-    table.only({"columns", "preamble"})
-    columns, preamble = (table.values(key, str, or_one=True) for key in ("columns", "preamble"))
-    if "" in columns + preamble:
+    found = table.record(Recognition())
+    if "" in found.columns + found.preamble:
         raise table.fault("names an empty text")
-    return Recognition(columns, preamble)
+    return found
 
 
 def _sources(table: TomlTable, key: str) -> tuple[Source, ...]:
@@ -204,17 +194,12 @@ def _sources(table: TomlTable, key: str) -> tuple[Source, ...]:
 def _source(of: TomlTable, key: str, given: Any) -> Source:
     tree = {"column": given} if isinstance(given, str) else given
     table = TomlTable({key: tree}, of.path, ConfigError, of.where).table(key)
-    table.only(_SOURCE_KEYS)
-    if not table.value("column", str):
+    source = table.record(Source(column=""), _SOURCE_NAMES)
+    if not source.column:
         raise table.fault("column is '', a text is wanted")
-    values: dict[str, Any] = {
-        name: table.values(name, kind, or_one=True) if is_list else table.value(name, kind)
-        for name, (kind, is_list) in _SOURCE_KEYS.items()
-        if name in table
-    }
-    if values.get("bit", 0) < 0:
+    if (source.bit or 0) < 0:
         raise table.unwanted("bit", "a whole number from 0 is")
-    return Source(**{_SOURCE_FIELDS.get(name, name): value for name, value in values.items()})
+    return source
 
 
 def _pivot(table: TomlTable) -> Pivot:
@@ -226,10 +211,8 @@ def _pivot(table: TomlTable) -> Pivot:
 
 
 def _engine(table: TomlTable, base: ProfileEngine) -> ProfileEngine:
-    table.only(each.name for each in fields(ProfileEngine))
-    values = {name: table.value(name, float) for name in table}
+    engine = table.record(base)
     for name in ("cylinders", "injector_mg_per_ms"):
-        if not values.get(name, 1.0) > 0.0:
+        if not getattr(engine, name) > 0:
             raise table.unwanted(name, "above 0 is")
-    cylinders = int(values.pop("cylinders", base.cylinders))
-    return replace(base, cylinders=cylinders, **values)
+    return engine
