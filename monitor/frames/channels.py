@@ -20,6 +20,7 @@ class Channels:
     def __init__(self, only: str = "", mapped: Collection[int] = ()) -> None:
         self.only, self._mapped = only, np.array(sorted(mapped), dtype=np.uint32)
         self._heard: dict[str, set[int]] = {}  # mapped keys by channel
+        self._first: dict[int, str] = {}  # channel of each of them
 
     @property
     def matter(self) -> bool:
@@ -39,13 +40,18 @@ class Channels:
             if self.only or len(heard) == len(self._mapped):
                 continue
             keys = block.key if places is None else block.key[places == place]
-            heard.update(np.unique(keys[np.isin(keys, self._mapped)]).tolist())
+            for key in np.unique(keys[np.isin(keys, self._mapped)]).tolist():
+                heard.add(key)
+                if (other := self._first.setdefault(key, name)) != name:
+                    raise RecordingError(
+                        f"the mapped identifier {key & 0x1FFFFFFF:03X} is on the channels "
+                        f"{other!r} and {name!r}: choose one with --channel NAME"
+                    )
         if self.only:
             if places is None:
                 return block if self.only == names[0] else chosen(block, slice(0))
             wanted = [place for place, name in enumerate(names) if name == self.only]
             return chosen(block, np.isin(places, wanted))
-        self._refuse_mixture()
         return block
 
     def keep_numbered(self, block: FrameBlock, numbers: IntArray) -> FrameBlock:
@@ -81,13 +87,3 @@ class Channels:
             raise RecordingError(
                 f"no channel {self.only}, there are {', '.join(map(repr, sorted(self._heard)))}"
             )
-
-    def _refuse_mixture(self) -> None:
-        first: dict[int, str] = {}
-        for name, keys in self._heard.items() if len(self._heard) > 1 else ():
-            for key in keys:
-                if (other := first.setdefault(key, name)) != name:
-                    raise RecordingError(
-                        f"the mapped identifier {key & 0x1FFFFFFF:03X} is on the channels "
-                        f"{other!r} and {name!r}: choose one with --channel NAME"
-                    )

@@ -222,22 +222,13 @@ def _merged(groups: Sequence[Iterator[FrameBlock]]) -> Iterator[FrameBlock]:
     held = {number: block for number, group in enumerate(groups) if (block := next(group, None))}
     while held:
         until_ns = min(int(block.t_ns.max()) for block in held.values())
-        ready = []
-        for number, block in list(held.items()):
-            inside = block.t_ns <= until_ns
-            ready.append(chosen(block, inside))
-            rest = chosen(block, ~inside)
-            if len(rest.t_ns):
-                held[number] = rest
-            elif (following := next(groups[number], None)) is not None:
-                held[number] = following
-            else:
-                del held[number]
-        merged = joined(ready)
+        merged = joined([chosen(block, block.t_ns <= until_ns) for block in held.values()])
         if np.any(merged.t_ns[1:] < merged.t_ns[:-1]):
             merged = chosen(merged, np.argsort(merged.t_ns, kind="stable"))
-        if len(merged.t_ns):
-            yield merged
+        yield merged
+        later = ((number, chosen(block, block.t_ns > until_ns)) for number, block in held.items())
+        following = ((n, rest if len(rest.t_ns) else next(groups[n], None)) for n, rest in later)
+        held = {number: block for number, block in following if block}
 
 
 def _frames(signal: Any, start_us: int) -> tuple[FrameBlock, dict[str, Any]]:

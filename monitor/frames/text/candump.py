@@ -137,8 +137,6 @@ def parse_lines(text: Bytes) -> Lines:
     plain &= second > space + 1  # the channel has a name
     key, is_error, right = _keys(text, second, sign)
     plain &= right
-    if _has_other_than_ascii(text):
-        plain &= _is_ascii(text, begin)
     length, data, right = _payloads(text, sign + 1, end, 8)
     frames = FrameBlock(t_ns, key, length, data)
     pattern = gathered(codes, 0, mark, 4).view(np.uint32)[:, 0]
@@ -166,18 +164,6 @@ def _with_fd(
     (frames,) = widened(frames, least=width)
     frames.length[rows], frames.data[rows] = length, data[:, :width]
     return frames, right
-
-
-def _has_other_than_ascii(text: Bytes) -> bool:
-    n = len(text) & ~7
-    return bool(np.bitwise_or.reduce(text[:n].view(np.uint64)) & np.uint64(0x8080808080808080))
-
-
-def _is_ascii(text: Bytes, begin: IntArray) -> BoolArray:
-    """Return which lines are pure ASCII, shape (n,)."""
-    others = np.flatnonzero(text[MARGIN:-MARGIN] >= 0x80)
-    before = np.searchsorted(others, begin)
-    return np.equal(before[1:], before[:-1])
 
 
 def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, BoolArray]:

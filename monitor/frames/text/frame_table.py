@@ -18,33 +18,25 @@ from monitor.frames.units import unit_of
 
 _HEADER_WITHIN: Final = 60  # lines of a table
 _OF: Final = r"(?:(?:can|arb\w*|frame|m\w*g\w*)[ _-]?)?"
-_PARTS: Final = (  # of a frame, and the names of the column that may hold it
-    (
-        "time",
-        r"(?!.*(?:delta|cycle|diff|interval|period|since[ _](?:last|prev)|zyklus))"
-        r"(?:(?:abs|start|rx|(?!rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|seconds|"
-        "系统时间|时间标识|时间)",
-    ),
-    ("id", rf"{_OF}(?:id|identifier|addr\w*)(?:_...)?\b.*|帧?id号?"),
-    (
-        "channel",
-        r"(?:can[ _-]?)?(?:bus|channel|chan|chn?|kanal|interface|iface|network|net)"
-        r"(?:[ _]?(?:channel|id|no|nr|num\w*))?\.?|(?:can)?通道号?",
-    ),
-    ("channel", r"can|device|(?:can[ _-]?)?port\b.*"),
-    ("length", rf"{_OF}(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度"),
-    ("ext", r"(?:is[_ ]?)?ext\w*|ide|xtd|format|frame|帧格式"),
-    ("remote", "(?:is[_ ]?)?(?:remote|rtr)"),
-    ("error", r"er|(?:is[_ ]?)?err\w*"),
-    ("kind", rf"(?:id[ _]?|{_OF})(?:type|format)|帧类型"),
-    ("flags", "flags?"),
-    (
-        "data",
-        rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|数据(?:\(hex\))?",
-    ),
-    ("data", "(?:data|byte|d|b)[ _]?[01]"),
-    ("data", "message"),  # elsewhere a name
-)
+_PARTS: Final = {  # of a frame by their first word, and the names of the column that may hold it
+    "time": r"(?!.*(?:delta|cycle|diff|interval|period|since[ _](?:last|prev)|zyklus))"
+    r"(?:(?:abs|start|rx|(?!rel)\w+[ _])?(?:time|zeit).*|offset.*|ts|milli\w*|micro\w*|seconds|"
+    "系统时间|时间标识|时间)",
+    "id": rf"{_OF}(?:id|identifier|addr\w*)(?:_...)?\b.*|帧?id号?",
+    "channel": r"(?:can[ _-]?)?(?:bus|channel|chan|chn?|kanal|interface|iface|network|net)"
+    r"(?:[ _]?(?:channel|id|no|nr|num\w*))?\.?|(?:can)?通道号?",
+    "channel of an adapter": r"can|device|(?:can[ _-]?)?port\b.*",
+    "length": rf"{_OF}(?:data ?)?len(?:gth)?|size|dlc|(?:数据)?长度",
+    "ext": r"(?:is[_ ]?)?ext\w*|ide|xtd|format|frame|帧格式",
+    "remote": "(?:is[_ ]?)?(?:remote|rtr)",
+    "error": r"er|(?:is[_ ]?)?err\w*",
+    "kind": rf"(?:id[ _]?|{_OF})(?:type|format)|帧类型",
+    "flags": "flags?",
+    "data": rf"{_OF}(?:data|daten|payload)(?:[ _]?bytes?)?(?:[ _]?[(\[]?hex[)\]]?)?|"
+    r"数据(?:\(hex\))?",
+    "data in bytes": "(?:data|byte|d|b)[ _]?[01]",
+    "data called": "message",  # elsewhere a name
+}
 _BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 _TIME: Final = re.compile(r"-?\d+(?:[.,]\d*)?|.*(?:\d:\d|\d\dT\d{6}).*")
 _ID: Final = re.compile("((?:0x)?[0-9a-f]{1,9})[hx]?", ANY)
@@ -116,7 +108,8 @@ def _columns(names: Sequence[str], sep: str) -> _FrameColumns | None:
     Of several that fit, a hexadecimal one comes first, and those of a header or computer last.
     """
     places, free = dict[str, int](), [*names]
-    for part, form in _PARTS:
+    for named, form in _PARTS.items():
+        part = named.split()[0]
         fitting = [
             ("hex" not in n or "time" in n, n != "id", not n.startswith("time"), i)
             for i, n in enumerate(free)

@@ -10,10 +10,10 @@ from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from importlib.resources import files
 from itertools import pairwise
-from operator import gt, lt
 from pathlib import Path
-from statistics import median
 from typing import Final, NamedTuple
+
+import numpy as np
 
 from monitor.base.errors import RecordingError
 from monitor.base.types import Frame
@@ -170,12 +170,12 @@ def _are_deltas(layout: TextLayout, rows: Sequence[Groups], text: str) -> bool:
     """
     if layout.tool not in (CONSOLE, CANDUMP.tool):
         return bool(_RELATIVE.search(text))
-    times_s = [layout.time_s(row["time"]) for row in rows]
-    middle = (len(times_s) + 1) // 2
-    rises, falls = (sum(map(is_so, times_s, times_s[1:])) for is_so in (lt, gt))
-    if times_s[:1] != [0.0] or rises > 2 * falls + 1:
+    times_s = np.array([layout.time_s(row["time"]) for row in rows])
+    first, later = np.split(times_s, [(len(times_s) + 1) // 2])
+    steps = np.diff(times_s)
+    if not len(later) or first[0] or (steps > 0.0).sum() > 2 * (steps < 0.0).sum() + 1:
         return False
-    return median(times_s[middle:] or [1.0]) <= max(times_s[:middle])
+    return bool(np.median(later) <= first.max())
 
 
 def frames_of_lines(
