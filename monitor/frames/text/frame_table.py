@@ -40,6 +40,7 @@ _PARTS: Final = {  # of a frame by their first word, and the names of the column
 _BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 _TIME: Final = re.compile(r"-?\d+(?:[.,]\d*)?|.*(?:\d:\d|\d\dT\d{6}).*")
 _ID: Final = re.compile("((?:0x)?[0-9a-f]{1,9})[hx]?", ANY)
+_BYTES: Final = re.compile(r"((?: *(?:0x)?[0-9a-f]{0,3} +)*+)()", ANY)
 _DATA: Final = re.compile(r"(?:x\|)? *(?:\[([0-9a-fx, ]*)\]|([0-9a-fx: -]*))", ANY)
 _YES: Final = re.compile("t|true|1|x|yes", re.I)
 _KINDS: Final = {  # what the words of a cell make of a frame, or the name of a column with a yes
@@ -61,16 +62,13 @@ def frame_table(text: str) -> TextLayout | None:
             every = [re.sub(r".*\.(?=[a-z_]\w*$)", "", name.casefold()) for name in told]
             clock_alone = ["" if name.startswith("time") else name for name in every]
             for names in every, clock_alone:  # the adapter's time may be a hexadecimal count
-                columns = _columns(names, sep)
-                rows = [*filter(None, map(columns.row, lines[number + 1 :]))] if columns else []
-                if columns and rows:
+                if (columns := _columns(names, sep)) is None:
+                    continue
+                if rows := [*filter(None, map(columns.row, lines[number + 1 :]))]:
                     ids = {row["id"] for row in rows}
                     base = _id_base(told[columns.places["id"]], ids)
-                    named, times = (
-                        names[columns.places["time"] :][:2],
-                        [row["time"] for row in rows],
-                    )
-                    way = times_of(*named, times=times, n_ids=len(ids))
+                    named, times = columns.places["time"], [row["time"] for row in rows]
+                    way = times_of(*names[named:][:2], times=times, n_ids=len(ids))
                     return replace(TABLE, row=columns.row, id_base=base, **way)
     return None
 
@@ -90,9 +88,9 @@ class _FrameColumns:
         if len(cells) <= self.last:
             return None
         found = {part: cells[place].strip() for part, place in self.places.items()}
-        if self.n_bytes > 1:
-            found["data"] = " ".join(cells[self.last : self.last + self.n_bytes])
         can_id, data = _ID.fullmatch(found["id"]), _DATA.fullmatch(found["data"])
+        if self.n_bytes > 1:  # up to what stands behind the last one
+            data = _BYTES.match(" ".join([*cells[self.last : self.last + self.n_bytes], ""]))
         if not (can_id and data and _TIME.fullmatch(found["time"])):
             return None
         found["id"], found["data"] = can_id[1], data[1] or data[2]
@@ -119,12 +117,13 @@ def _columns(names: Sequence[str], sep: str) -> _FrameColumns | None:
             places[part] = min(fitting)[-1]
             free[places[part]] = ""
     numbers = [int(n[1]) for n in map(_BYTE.fullmatch, names) if n]
+    first = places.get("data", -1)
+    in_bytes = first >= 0 and _BYTE.fullmatch(names[first])
+    if in_bytes:
+        places = {part: place for part, place in places.items() if place <= first}
     if not {"time", "id", "data"} <= places.keys() or numbers != sorted(numbers):
         return None  # or the last byte stands first
-    if not _BYTE.fullmatch(names[first := places["data"]]):
-        return _FrameColumns(sep, places, max(places.values()), 1)
-    places = {part: place for part, place in places.items() if place <= first}
-    return _FrameColumns(sep, places, first, len(numbers))
+    return _FrameColumns(sep, places, max(places.values()), len(numbers) if in_bytes else 1)
 
 
 def _cells(line: str, sep: str) -> list[str]:

@@ -16,10 +16,6 @@ CHUNK_BYTES: Final = 1 << 20  # about the size of a processor's second cache
 MARGIN: Final = 256  # bytes before and after the lines that may be read; their content is open
 
 
-class _EndError(Exception):
-    """The file has been read."""
-
-
 def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Bytes]:
     """Yield whole lines with ``MARGIN`` bytes before and after them.
 
@@ -29,25 +25,26 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
     and so is BoundError for a line of ``LINE_BYTES`` or more.
     """
     step = 0 if is_on_disk(file) else PACKED_STEP
-    text, ending = bytearray(MARGIN), None
-    while ending is None:
+    text, is_end = bytearray(MARGIN), False
+    error: Exception | None = None
+    while not (is_end or error):
         end = max(MARGIN + chunk_bytes, len(text) + 1)
         try:
-            while len(text) < end:
-                if not (data := file.read1(step or end - len(text))):  # type: ignore[attr-defined]
-                    raise _EndError
+            while len(text) < end and not is_end:
+                data = file.read1(step or end - len(text))  # type: ignore[attr-defined]
                 text += data
-        except Exception as error:  # gzip has no common base for its errors
-            ending = error
+                is_end = not data
+        except Exception as raised:  # gzip has no common base for its errors
+            error = raised
         ends = [at for mark in (b"\n", b"\r") if (at := text.find(mark)) >= 0]
         if min(ends, default=len(text)) >= MARGIN + LINE_BYTES:
             raise BoundError(TOO_LONG)
         # a final return may be half a line end
         cut = max(text.rfind(b"\n"), text.rfind(b"\r", 0, len(text) - 1)) + 1 or MARGIN
-        if isinstance(ending, _EndError) and text.endswith(b"\r"):
+        if is_end and text.endswith(b"\r"):
             cut = len(text)
-        if isinstance(ending, _EndError) and cut < len(text):
-            ending = CutShortError(CUT_SHORT)
+        if is_end and cut < len(text):
+            error = CutShortError(CUT_SHORT)
         rest = text[cut:]
         if cut > MARGIN:
             text[cut:] = bytes(MARGIN)
@@ -55,5 +52,5 @@ def line_chunks(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Iterator[Byte
                 text = text.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             yield np.frombuffer(text, dtype=np.uint8)
         text = bytearray(MARGIN) + rest
-    if not isinstance(ending, _EndError):
-        raise ending
+    if error:
+        raise error

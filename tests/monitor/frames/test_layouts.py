@@ -281,6 +281,16 @@ def test_identifiers_of_digits_alone_are_hexadecimal_unless_something_tells_othe
     assert [frame.can_id for frame in read_frames(path)] == ids
 
 
+@pytest.mark.parametrize("row", ["0.1,C2,01,02,03", '"0.1","C2","01","02","03"', "0.1,C2,01,02,R"])
+def test_each_byte_of_a_table_has_a_cell_quoted_or_not_and_rows_may_be_shorter(
+    tmp_path: Path, row: str
+) -> None:
+    path = tmp_path / "bytes.csv"
+    path.write_text(f"Time,ID,D0,D1,D2,Label\n{row}\n{row}\n")
+    wanted = "0102" if "R" in row else "010203"
+    assert [frame.data.hex() for frame in read_frames(path)] == [wanted] * 2
+
+
 def test_a_length_code_of_can_fd_keeps_all_bytes(tmp_path: Path) -> None:
     path, data = tmp_path / "fd.csv", bytes(range(48))
     path.write_text(f"time;ID;IDE;DLC;DataLength;DataBytes\n0.1;1A0;0;14;48;{data.hex()}\n")
@@ -405,6 +415,8 @@ def test_channels_of_a_table_of_frames_are_told_apart_whatever_they_are_called(
         ("IsExtended", "True", [(0xC2, True)]),
         ("Frame Type", "Extended Data", [(0xC2, True)]),
         ("Frame Type", "Extended Remote", []),
+        ("Format", "Extended Frame", [(0xC2, True)]),
+        ("Type,Error", "Error,No error", []),
         ("Type", "Error Frame", []),
         ("Type,RTR", "Data,1", []),  # two columns that may say it
         ("Format,Type", "Standard,Data", [(0xC2, False)]),
