@@ -108,25 +108,6 @@ def test_a_test_that_cannot_be_tried_is_an_error_beside_the_others(
     assert message and "cannot open the bus (socketcan nosuch0)" in message
 
 
-@pytest.mark.parametrize(
-    ("argv", "says"),
-    [
-        (["--scenario", "S", "--junit", "r.xml", "--out", "o.log"], "what --assert finds; give"),
-        (["--scenario", "S", "S", "--assert", "--out", "o.log"], "several scenarios are for a LOG"),
-        (["--scenario", "S", "S", "--out", "o.log"], "several scenarios are for a LOG"),
-    ],
-)
-def test_what_does_not_go_together_is_refused(
-    argv: list[str], says: str, ninety_seconds: Path, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    scenarios = [str(SCENARIOS / "silent_ecu.toml"), str(SCENARIOS / "rough_bus.toml")]
-    words = [scenarios.pop() if word == "S" else word for word in argv]
-    assert cli.main(["inject", str(ninety_seconds), *words]) == 2
-    assert says in capsys.readouterr().err
-
-
 def test_a_name_that_xml_cannot_hold_is_escaped(tmp_path: Path) -> None:
     report = tmp_path / "r.xml"
     odd = JunitCase('a\x1b"<\udcff>.log', "x\x00y", "no & <b>", "P1")

@@ -176,6 +176,9 @@ def test_the_frames_of_several_drives_go_to_numbered_logs(tmp_path: Path) -> Non
         (["CAN_INTERFACE=udp_multicast", "-c", "a", "--to-channel", "b"], "hears what it"),
         (["-i", "virtual", "CAN_CHANNEL=a", "--to-channel", "a"], "both sides are virtual a"),
         (["IN", "--out", "OUT", "--dbc", "x.dbc"], "--dbc and --map come in pairs"),
+        (["IN", "--out", "OUT", "--scenario", "S", "--junit", "XML"], "what --assert finds; give"),
+        (["IN", "--out", "OUT", "--scenario", "S", "S"], "several scenarios are for a LOG"),
+        (["IN", "--out", "OUT", "--scenario", "S", "S", "--assert"], "several scenarios are for a"),
     ],
 )
 def test_what_cannot_be_is_refused_with_exit_code_2(
@@ -184,7 +187,9 @@ def test_what_cannot_be_is_refused_with_exit_code_2(
     for word in (word for word in argv if word.startswith("CAN_")):  # of the environment
         monkeypatch.setenv(*word.split("="))
     write(tmp_path / "in.log", lambda_frames([1.0] * 3))
-    paths = {"IN": str(tmp_path / "in.log"), "OUT": str(tmp_path / "out.log")}
+    names = {"IN": "in.log", "OUT": "out.log", "XML": "report.xml"}
+    paths = {word: str(tmp_path / name) for word, name in names.items()}
+    paths["S"] = str(SCENARIOS / "silent_ecu.toml")
     assert inject(*(paths.get(arg, arg) for arg in argv if arg[:4] != "CAN_")) == 2
     assert says in capsys.readouterr().err
 

@@ -90,7 +90,6 @@ def bad(ninety_seconds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("replay few.csv", ["fuel_mass_mg"]),
         ("replay blank.csv", ["lambda_measured"]),
         ("replay drive.log --json nowhere/out", ["the folder does not exist"]),
-        ("replay drive.log --html nowhere/out", ["the folder does not exist"]),
         ("check drive.log -i virtual -c x", ["--interface", "a CAN log"]),
         ("check -i socketcan -c nobus0", ["nobus0"]),
         ("run -i socketcan -c nobus0", ["nobus0"]),

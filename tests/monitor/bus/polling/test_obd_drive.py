@@ -89,14 +89,6 @@ def test_running_with_a_model_of_a_fast_grid_says_so(capsys: pytest.CaptureFixtu
     assert "samples every 0.1 s, polling brings a signal about every 0.17 s" in said
 
 
-def test_polling_at_a_models_own_pace_is_told_from_polling_too_slowly() -> None:
-    talk = Conversation(steady_ecu()).run(20.0)
-    assert talk.poller.interval_s == pytest.approx(0.18, abs=0.03)
-    assert talk.poller.interval_s == pytest.approx(
-        20 / len(talk.values["lambda_measured"]), rel=0.3
-    )
-
-
 def ecu_of(seed: int, until_s: float) -> ObdEcu:
     experiment = Experiment(
         cycle="hwfet", vehicle=2051, seed=seed, duration_s=until_s, conditions=WARM
