@@ -51,12 +51,12 @@ class LinearModel:
         """Return offset + B u (n,); the values before sample ``lags`` are not valid."""
         total = np.full(len(u), self.offset)
         for i, (delay, b) in enumerate(zip(self.delays, self.b, strict=True)):
-            total += lfilter(np.concatenate([np.zeros(delay), b]), [1.0], u[:, i])
+            total += np.convolve(np.concatenate([np.zeros(delay), b]), u[:, i])[: len(u)]
         return total
 
     def errors(self, u: FloatArray, y: FloatArray) -> FloatArray:
         """Return the one-step errors e (n,), 0 at the first ``lags`` samples."""
-        coloured = lfilter(self.poly, [1.0], y) - self._drive(u)
+        coloured = np.convolve(self.poly, y)[: len(y)] - self._drive(u)
         coloured[: self.lags] = 0.0
         return np.asarray(lfilter([1.0], [1.0, *self.c], coloured))
 
@@ -72,7 +72,7 @@ class LinearModel:
             raise ValueError(f"{m} first outputs, the model needs {self.lags}")
         errors = np.zeros(len(u))
         errors[:m] = self.errors(u[:m], y0[: len(u)])
-        drive = self._drive(u) + lfilter([1.0, *self.c], [1.0], errors)
+        drive = self._drive(u) + np.convolve([1.0, *self.c], errors)[: len(u)]
         past = lfiltic([1.0], self.poly, np.asarray(y0)[::-1][: len(self.a)])
         free, _ = lfilter([1.0], self.poly, drive[m:], zi=past)
         return np.concatenate([y0, free])[: len(u)]
