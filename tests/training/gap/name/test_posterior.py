@@ -166,7 +166,7 @@ def test_the_promised_probability_is_that_with_which_further_blocks_name(lead: f
     blocks += lead * blocks.std() / np.sqrt(BLOCKS) - blocks.mean()
     # WHEN three times as many come from where such blocks may come from
     named = []
-    for _ in range(200):
+    for _ in range(100):
         mean = rng.normal(blocks.mean(), blocks.std() / np.sqrt(BLOCKS))
         more = rng.normal(mean, blocks.std(), 3 * BLOCKS)
         named.append(scoring.win(np.zeros(4 * BLOCKS), np.concatenate([blocks, more])) >= WIN)
