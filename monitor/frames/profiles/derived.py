@@ -23,6 +23,7 @@ _PRESSURE: Final = "manifold_pressure_kpa"
 _PULSE: Final = "injector_pulse_width_ms"
 _RPM: Final = "engine_speed_rpm"
 _TRIM: Final = "lambda_correction_percent"
+_CONTROLLER: Final = "lambda_controller"
 
 
 class Derivation(NamedTuple):
@@ -32,14 +33,6 @@ class Derivation(NamedTuple):
     sources: tuple[str, ...]
     formula: Callable[[Signals, ProfileEngine], FloatArray]
     in_words: str
-
-
-def _controller(s: Signals, _: ProfileEngine) -> FloatArray:
-    return 1.0 + s[_TRIM] / 100.0
-
-
-def _correction(s: Signals, _: ProfileEngine) -> FloatArray:
-    return 100.0 * (s["lambda_controller"] - 1.0)
 
 
 def _no_fuel(s: Signals, engine: ProfileEngine) -> FloatArray:
@@ -58,7 +51,8 @@ def _no_fuel(s: Signals, engine: ProfileEngine) -> FloatArray:
 
 
 def _air_of_meter(s: Signals, engine: ProfileEngine) -> FloatArray:
-    return s["maf_kg_h"] * 1e6 / 60.0 / (_speed(s) * engine.cylinders / 2.0)
+    speed = np.where(s[_RPM] > SPEED_LEAST_RPM, s[_RPM], np.nan)
+    return s["maf_kg_h"] * 1e6 / 60.0 / (speed * engine.cylinders / 2.0)
 
 
 def _air_of_load(s: Signals, engine: ProfileEngine) -> FloatArray:
@@ -75,14 +69,17 @@ def _fuel_of_pulse(s: Signals, engine: ProfileEngine) -> FloatArray:
     return np.asarray(engine.injector_mg_per_ms * open_ms)
 
 
-def _speed(s: Signals) -> FloatArray:
-    return np.where(s[_RPM] > SPEED_LEAST_RPM, s[_RPM], np.nan)
-
-
 # in the order of preference; a signal that a column carries is never derived
 DERIVATIONS: Final = (
-    Derivation("lambda_controller", (_TRIM,), _controller, "the correction in percent"),
-    Derivation(_TRIM, ("lambda_controller",), _correction, "the controller's factor"),
+    Derivation(
+        _CONTROLLER, (_TRIM,), lambda s, _: 1.0 + s[_TRIM] / 100.0, "the correction in percent"
+    ),
+    Derivation(
+        _TRIM,
+        (_CONTROLLER,),
+        lambda s, _: 100.0 * (s[_CONTROLLER] - 1.0),
+        "the controller's factor",
+    ),
     Derivation("fuel_cut", (_RPM,), _no_fuel, "a pulse width of 0, or low pressure at speed"),
     Derivation("air_mass_mg", ("maf_kg_h", _RPM), _air_of_meter, "air flow and speed"),
     Derivation("air_mass_mg", ("load_g_per_rev",), _air_of_load, "the load in g per revolution"),

@@ -27,7 +27,6 @@ _LAST_MARK: Final = _HASH  # every other character of a plain line is higher
 _SPARE: Final = 5  # marks added after the last line, for lines with too few marks
 _CLASSIC: Final = [int.from_bytes(marks, "little") for marks in (b"  # ", b"  #\n")]
 _FD: Final = int.from_bytes(b"  ##", "little")
-_BYTE: Final = np.uint64(8)  # bits in a byte
 _STAMP_ENDS: Final = np.uint64(int.from_bytes(b".\0\0\0\0\0\0)", "little"))
 _STAMP_MARKS: Final = np.uint64(0xFF000000000000FF)
 _LATEST_S: Final = 1 << 32  # up to this time a double rounds to the microsecond in the text
@@ -176,7 +175,7 @@ def _times(text: Bytes, begin: IntArray, space: IntArray) -> tuple[IntArray, Boo
     right &= (digits >= 1) & (digits <= 10)
     high, low, end = gathered(text, MARGIN - 24, space, 24).view(np.uint64).T
     right &= (end & _STAMP_MARKS) == _STAMP_ENDS
-    micro, is_number = decimal(zeroed(end << _BYTE, 2))
+    micro, is_number = decimal(zeroed(end << np.uint64(8), 2))
     right &= is_number
     high, low = zeroed(high, 16 - digits), zeroed(low, 8 - digits)
     changed = np.ones(len(begin), dtype=np.bool_)  # the seconds change rarely

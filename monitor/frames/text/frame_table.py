@@ -41,13 +41,16 @@ _BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 _TIME: Final = re.compile(r"-?\d+(?:[.,]\d*)?|.*(?:\d:\d|\d\dT\d{6}).*")
 _ID: Final = re.compile("((?:0x)?[0-9a-f]{1,9})[hx]?", ANY)
 _BYTES: Final = re.compile(r"((?: *(?:0x)?[0-9a-f]{0,3} +)*+)()", ANY)
-_DATA: Final = re.compile(r"(?:x\|)? *(?:\[([0-9a-fx, ]*)\]|([0-9a-fx: -]*))", ANY)
+_DATA: Final = re.compile(
+    r"(?:x\|)? *(?:\[([0-9a-fx, ]*)\]|([0-9a-f: -]*+(?:(?<=0)x[0-9a-f: -]*+)*))", ANY
+)
 _YES: Final = re.compile("t|true|1|x|yes", re.I)
 _KINDS: Final = {  # what the words of a cell make of a frame, or the name of a column with a yes
     "ext": re.compile(r"\bext|xtd|29.?bit|扩展帧", re.I),
     "remote": re.compile(r"\brem|rtr|远程帧", re.I),
     "error": re.compile(r"(?<!no.)\berr", re.I),
 }
+_SAYING: Final = (*_KINDS, "kind")
 _FRAMES_US: Final = (50.0, 250.0)  # least step of two frames, and of two with one identifier
 _FROM_WHEN: Final = re.compile("abs(?:olute)?|rel(?:ative)?", re.I)  # in brackets, where a unit may
 _CYCLE: Final = 3000.0  # an identifier comes oftener than every 3000 ms, and not every 3000 µs
@@ -87,16 +90,16 @@ class _FrameColumns:
         cells = _cells(line, self.sep)
         if len(cells) <= self.last:
             return None
-        found = {part: cells[place].strip() for part, place in self.places.items()}
+        found = {part: cells[place] for part, place in self.places.items()}
+        if self.n_bytes > 1:
+            found["data"] = " ".join(cells[self.last : self.last + self.n_bytes])
         can_id, data = _ID.fullmatch(found["id"]), _DATA.fullmatch(found["data"])
-        if self.n_bytes > 1:  # up to what stands behind the last one
-            data = _BYTES.match(" ".join([*cells[self.last : self.last + self.n_bytes], ""]))
+        if not data and self.n_bytes > 1:  # up to what stands behind the last byte
+            data = _BYTES.match(found["data"] + " ")
         if not (can_id and data and _TIME.fullmatch(found["time"])):
             return None
         found["id"], found["data"] = can_id[1], data[1] or data[2]
-        if "length" in found:
-            found["length"] = found["length"].removeprefix("0x")
-        found.update(_said(*map(found.get, (*_KINDS, "kind"))))
+        found.update(_said(*map(found.get, _SAYING)))
         return found
 
 
@@ -127,9 +130,10 @@ def _columns(names: Sequence[str], sep: str) -> _FrameColumns | None:
 
 
 def _cells(line: str, sep: str) -> list[str]:
-    if '"' not in line:
-        return line.split(sep)
-    return next(csv.reader((line.replace('="', '"'),), delimiter=sep, skipinitialspace=True))
+    if '"' in line:
+        line = line.replace('="', '"')
+        return next(csv.reader((line,), delimiter=sep, skipinitialspace=True))
+    return [*map(str.strip, line.split(sep))] if " " in line else line.split(sep)
 
 
 @lru_cache(maxsize=1 << 10)

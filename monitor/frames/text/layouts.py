@@ -130,8 +130,7 @@ def _known(text: str) -> TextLayout | None:
     steps = {int(b) - int(a) for a, b in pairwise(times)}
     if min(steps) < 0 or max(steps) <= 1:  # a channel, or a counter of rows
         return None
-    n_ids = len({row["id"] for row in rows})
-    return replace(ROWS, **times_of("time", times=times, n_ids=n_ids))
+    return replace(ROWS, **times_of("time", times=times, n_ids=len({row["id"] for row in rows})))
 
 
 def _begun_anew(line: str, found: LayoutFound) -> LayoutFound:
@@ -241,11 +240,12 @@ def _frame(groups: Groups, time_s: float, found: LayoutFound) -> Frame | None:
         return None
     assert found.layout
     base = found.fd_base if groups.get("fd") else found.base
-    can_id = int(groups["id"], 10 if groups.get("dec") else found.layout.id_base or base)
-    is_extended = bool(groups.get("ext") or bits & _KVASER_EXTENDED) or can_id > _STANDARD
+    told = groups.get("dec")
+    can_id = int(told or groups["id"], 10 if told else found.layout.id_base or base)
+    ext = groups.get("dec_ext" if told else "ext")
+    is_extended = bool(ext or bits & _KVASER_EXTENDED) or can_id > _STANDARD
     data = _data(groups, base)
-    late_s = found.start_s + time_s
-    if len(data) > MAX_BYTES or not abs(late_s) < LATEST_S or can_id >> 29:
+    if len(data) > MAX_BYTES or not abs(found.start_s + time_s) < LATEST_S or can_id >> 29:
         raise ValueError("no CAN frame")
     t_us = round(found.start_s * 1e6) + round(time_s * 1e6)
     return Frame(t_us * 1000, can_id, is_extended, data)
@@ -254,7 +254,8 @@ def _frame(groups: Groups, time_s: float, found: LayoutFound) -> Frame | None:
 def _data(groups: Groups, base: int) -> bytes:
     """Return the data, as many bytes as the line says; raises ValueError if some lack."""
     code = groups.get("dlc", "")
-    length = int(code or groups.get("length") or "-1", 16 if len(code) == 1 else 10)
+    told = code or groups.get("length", "").removeprefix("0x") or "-1"
+    length = int(told, 16 if len(code) == 1 else 10)
     if packed := groups.get("base64"):
         data = b64decode(packed, validate=True)
     else:

@@ -132,9 +132,9 @@ ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, erro
     "Vector ASC",
     r"^(?:date +\w{2,3} +\w{3} +\d|base\s+(?:hex|dec)\b|begin trigger)",
     # names may stand in place of identifiers, which the end of the line tells
-    rf"@time @channel \S+ (?:Rx|Tx|TxRq) {_ASC_DATA} .*\bID\s*=\s*(?P<id>(?P<dec>\d+))@ext?",
-    rf"@time @channel @id@ext? (?:(?:Rx|Tx|TxRq) )?(?:@remote(?: \w+)?|{_ASC_DATA})"
-    r"(?: \w+\s*=\s*\S+)*(?: //.*)?",
+    r"@time @channel (?:@id@ext? (?:(?:Rx|Tx|TxRq) )?|\S+ (?:Rx|Tx|TxRq) )"
+    rf"(?:@remote(?: \w+)?|{_ASC_DATA})(?: (?!ID\b)\w+\s*=\s*\S+)*+"
+    r"(?: ID\s*=\s*(?P<dec>\d+)(?P<dec_ext>x)?.*)?(?: //.*)?",
     r"@time (?P<fd>CANFD) @channel (?:Rx|Tx|TxRq) @id@ext? (?:\S*[^\s\d]\S* )?[01] [01] [0-9a-f]+ "
     r"@length@data(?:\s.*)?",
     r"@time (?:CANFD )?@channel (?:[RT]x )?(?P<error>ErrorFrame).*",
@@ -170,14 +170,6 @@ _PEAK_CELLS: Final = {
     "l": r"(?P<length>\d{1,2})",
     "D": r"(?:(?P<rtr>RTR)|(?P<data>[0-9a-f]{2}(?:\s+[0-9a-f]{2})*))",
 }
-CSV: Final = _layout(
-    "python-can CSV",
-    r"\Atimestamp,arbitration_id,extended,",
-    r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),@id,(?:(?P<ext>1)|0),(?:(?P<remote>1)|0),"
-    r"(?:(?P<error>1)|0),@length,(?P<base64>[\w+/=]*)",
-    other=r"timestamp,arbitration_id,.*",
-    ends_lines=True,
-)
 ROWS: Final = _layout(  # under no names; a clock, the digits or the steps tell the unit of time
     "rows of frames",
     rf"\A(?:{re.sub(r'[(][?]P<.*?>', '(?:', _ROW)}\s*(?:\n|\Z)){{2}}",
@@ -283,7 +275,14 @@ LAYOUTS: Final = (
         joined=_saleae,
     ),
     ROWS,
-    CSV,
+    _layout(
+        "python-can CSV",
+        r"\Atimestamp,arbitration_id,extended,",
+        r"(?P<time>-?[\d.]+(?:e[+-]?\d+)?),@id,(?:(?P<ext>1)|0),(?:(?P<remote>1)|0),"
+        r"(?:(?P<error>1)|0),@length,(?P<base64>[\w+/=]*)",
+        other=r"timestamp,arbitration_id,.*",
+        ends_lines=True,
+    ),
     PEAK,
     ASC,
 )
