@@ -7,11 +7,13 @@ from typing import Final
 from monitor.base.config import BiasConfig, Config
 from monitor.base.errors import ConfigError, ModelError
 from monitor.judge.trust import UNKNOWN, Trust
+from monitor.memory.codes import TESTS
 from monitor.memory.reference import Reference
 from monitor.model.card import ModelCard
 
 NAMES: Final = "j_mu", "j_sigma", "noise", "noise_memory", "offset", "offset_std"  # in each card
 OPTIONAL: Final = "evidence", "evidence_gain", "gain_model"
+STILL: Final = TESTS["activity"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +65,13 @@ class Limits:
             )
         values = {k: own.value for k, own in card.limits.items() if k in (*NAMES, *OPTIONAL)}
         offset = values.pop("offset")
+        trust = Trust.from_card(card.trust, where)
+        if "still_s" in card.limits:  # of an earlier version: the healthy reading stands still
+            trust = replace(trust, false={**(trust.false or {}), **dict.fromkeys(STILL, 1)})
         if card.transform == "phi":
             offset = max(offset, config.bias.offset_limit_lambda)
             values["offset_std"] = max(values["offset_std"], config.bias.window_std_lambda)
-        return cls(
-            **values,
-            offset_low=-offset,
-            offset_high=offset,
-            trust=Trust.from_card(card.trust, where),
-        )
+        return cls(**values, offset_low=-offset, offset_high=offset, trust=trust)
 
     def of_vehicle(self, reference: Reference, config: BiasConfig) -> "Limits":
         """Return the limits of the vehicle that the reference was learned on."""

@@ -305,11 +305,14 @@ static void add_window(o2_monitor *m, uint16_t n, float gain, const float phi[])
     bound_evidence(m);
 }
 
-/* Return whether a column explains less of the reading than the model did in training. */
-static bool is_foreign(const o2_monitor *m, uint16_t column)
+/* Return whether no column explains as much of the reading as the model did in training. */
+static bool is_foreign(const o2_monitor *m)
 {
-    float share = square_of(m->sxy[column]) / (m->sxx[column] * m->syy[column]);
-    return share < O2_LEAST_EXPLAINED;
+    float most = 0.0f;
+    for (uint16_t c = 0U; c < O2_N_COLUMNS; c++) {
+        most = fmaxf(most, square_of(m->sxy[c]) / (m->sxx[c] * m->syy[c]));
+    }
+    return most < O2_LEAST_EXPLAINED;
 }
 
 /* Fill in outcome, fault and evidence; return the column of the likeliest sensor. */
@@ -343,7 +346,7 @@ static uint16_t report(const o2_monitor *m, bool counts, o2_facts *facts)
             facts->outcome = O2_PASSED;
         }
     }
-    facts->is_foreign = is_foreign(m, o2_claims[likeliest].column);
+    facts->is_foreign = is_foreign(m);
     return (o2_claims[likeliest].column < (O2_N_COLUMNS - 1U)) ? o2_claims[likeliest].column : 0U;
 }
 

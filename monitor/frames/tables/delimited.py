@@ -34,7 +34,7 @@ from monitor.frames.tables.dialect import (
     one_line,
     ungrouped,
 )
-from monitor.frames.tables.haltech import haltech_dialect
+from monitor.frames.tables.haltech import NO_VALUE, haltech_dialect
 from monitor.frames.tables.raw_table import Notes, Pivot, RawColumn, RawTable, Wanted
 from monitor.frames.units import unit_of
 
@@ -185,6 +185,7 @@ def _read(
     if (source := _source_of(dialect)) is not None:
         rows = _one_source(path, dialect, rows, source)
     plain = all(parse in (number, exact_number) for parse in parsers)
+    steps = np.array([dialect.steps[i] for i in places]) if dialect.steps else 1.0
     odd: list[str] = []  # cells that are no number in the unit of their column
     loose: list[str] = []  # other texts
     while True:
@@ -205,8 +206,8 @@ def _read(
             break
         found = np.array(block, dtype=np.float64).reshape(len(block), len(places))
         if not dialect.is_exact:
-            found[np.abs(found) >= dialect.no_value] = np.nan
-        yield found
+            found[np.abs(found) >= (NO_VALUE if dialect.steps else np.inf)] = np.nan
+        yield found * steps
     for each in filter(None, (odd, loose)):
         left_out = f"{counted(len(each), 'unreadable cell')} left out"
         notes.sentences.append(f"{left_out}, the first: {each[0]}")

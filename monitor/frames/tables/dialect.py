@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product, takewhile
-from math import inf, isnan
+from math import isnan
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -66,7 +66,7 @@ class Dialect:
     skip: int = 0  # rows before the first row of data, blank lines not counted
     below_names: int = 0  # rows between the names and the data, of units as a rule
     row: re.Pattern[str] | None = None  # how rows of data begin; None: all behind the header are
-    no_value: float = inf  # numbers from here on say that there is none
+    steps: tuple[float, ...] = ()  # value of 1 in each column; () 1
     is_exact: bool = False  # every cell is a number or blank, every row has all cells
     preamble: str = ""
 

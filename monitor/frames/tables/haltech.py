@@ -30,7 +30,7 @@ from monitor.frames.tables.raw_table import DAY_S, RawColumn
 MARK: Final = b"%DataLog%"
 NO_VALUE: Final = float((1 << 23) - 1)
 _ROW: Final = re.compile(r"^\d{1,2}:\d{2}:\d{2}", re.M)
-# units of channels by their type
+# of a channel's type: unit, value of one step
 TYPES: Final = tomllib.loads(files("monitor.frames.tables").joinpath("haltech.toml").read_text())
 
 
@@ -44,12 +44,14 @@ def haltech_dialect(path: Path) -> Dialect | None:
         return None
     encoding = encoding_of(head)
     description = _ROW.split(head.decode(encoding, errors="replace"), maxsplit=1)[0]
-    columns = [RawColumn("Time", "", "clock", DAY_S)]
+    columns, steps = [RawColumn("Time", "", "clock", DAY_S)], [1.0]
     for key, value in re.findall(r"^[ \t]*(Channel|Type)[ \t]*:(.*)", description, re.M):
         if key == "Channel":
             columns.append(RawColumn(value.strip()))
+            steps.append(1.0)
         elif len(columns) > 1:
-            columns[-1] = RawColumn(columns[-1].name, TYPES.get(value.strip(), ""))
+            unit, steps[-1] = TYPES.get(value.strip(), ("", 1.0))
+            columns[-1] = RawColumn(columns[-1].name, unit)
     if len(columns) == 1:
         raise RecordingError(f"{path}: no line 'Channel : NAME' before the rows")
     return Dialect(
@@ -58,6 +60,6 @@ def haltech_dialect(path: Path) -> Dialect | None:
         encoding=encoding,
         has_quotes=False,
         row=_ROW,
-        no_value=NO_VALUE,
+        steps=tuple(steps),
         preamble=MARK.decode(),
     )

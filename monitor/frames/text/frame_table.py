@@ -40,7 +40,7 @@ _PARTS: Final = {  # of a frame by their first word, and the names of the column
 _BYTE: Final = re.compile(r"(?:data|byte|d|b)[ _]?(\d+)")
 _TIME: Final = re.compile(r"-?\d+(?:[.,]\d*)?|.*(?:\d:\d|\d\dT\d{6}).*")
 _ID: Final = re.compile("((?:0x)?[0-9a-f]{1,9})[hx]?", ANY)
-_BYTES: Final = re.compile(r"((?: *(?:0x)?[0-9a-f]{0,3} +)*+)()", ANY)
+_BYTES: Final = re.compile(r"(?= |(?:0x)?[0-9a-f]{1,3} )((?: *(?:0x)?[0-9a-f]{0,3} +)*+)()", ANY)
 _DATA: Final = re.compile(
     r"(?:x\|)? *(?:\[([0-9a-fx, ]*)\]|([0-9a-f: -]*+(?:(?<=0)x[0-9a-f: -]*+)*))", ANY
 )
@@ -98,7 +98,7 @@ class _FrameColumns:
             data = _BYTES.match(found["data"] + " ")
         if not (can_id and data and _TIME.fullmatch(found["time"])):
             return None
-        found["id"], found["data"] = can_id[1], data[1] or data[2]
+        found["id"], found["data"] = can_id[1], data[1] or data[2] or ""
         found.update(_said(*map(found.get, _SAYING)))
         return found
 
@@ -130,18 +130,24 @@ def _columns(names: Sequence[str], sep: str) -> _FrameColumns | None:
 
 
 def _cells(line: str, sep: str) -> list[str]:
-    if '"' in line:
-        line = line.replace('="', '"')
-        return next(csv.reader((line,), delimiter=sep, skipinitialspace=True))
+    line = line.replace('="', '"')
+    if '"' in line and line.count('"') % 2 == 0:
+        cells = next(csv.reader((line,), delimiter=sep, skipinitialspace=True))
+        return [*map(str.strip, cells)]
+    if '"' in line:  # one that opens nothing, as in a column of ASCII
+        return [cell.strip(' "') for cell in line.split(sep)]
     return [*map(str.strip, line.split(sep))] if " " in line else line.split(sep)
 
 
 @lru_cache(maxsize=1 << 10)
 def _said(*cells: str | None) -> dict[str, str]:
     """Return what the cells of a row say of the kind of its frame."""
-    yes = (part for part, cell in zip(_KINDS, cells, strict=False) if _YES.fullmatch(cell or ""))
-    words = " ".join(filter(None, (*cells, *yes)))
-    return {part: "yes" if form.search(words) else "" for part, form in _KINDS.items()}
+    *own, kind = (cell or "" for cell in cells)
+    said = {}
+    for (part, form), cell in zip(_KINDS.items(), own, strict=True):
+        is_said = _YES.fullmatch(cell) or form.match(cell) or form.search(kind)
+        said[part] = "yes" if is_said else ""
+    return said
 
 
 def times_of(named: str, behind: str = "", *, times: Sequence[str], n_ids: int) -> dict[str, Any]:
@@ -151,8 +157,11 @@ def times_of(named: str, behind: str = "", *, times: Sequence[str], n_ids: int) 
     behind : the column beside it
     Raises RecordingError for times that fall or whose unit is open, or of which a part is beside.
     """
-    part = unit_of(behind, 1.0)
-    if part and part.quantity == "time" and part.factor < 1.0 and "." not in times[0]:
+    stated = _FROM_WHEN.sub("", name_and_unit(named)[1])
+    unit, part = (unit_of(each, 1.0) for each in (stated or named.rpartition("_")[2], behind))
+    is_whole = not any(mark in time for time in times for mark in ".,")
+    is_coarse = is_whole and (unit is None or unit.factor >= 1.0)
+    if is_coarse and part and part.quantity == "time" and part.factor < 1.0:
         raise RecordingError(f"its time stands in two columns, {named} and {behind}: one is wanted")
     is_clock = any(mark in time for time in times for mark in ":Tt")
     values = np.array(list(map(ColumnClock() if is_clock else seconds, times)))
@@ -162,13 +171,11 @@ def times_of(named: str, behind: str = "", *, times: Sequence[str], n_ids: int) 
         raise RecordingError(f"its {named} falls from row to row: rising times are wanted")
     if is_clock:
         return {"time_s": ColumnClock(), "wraps_s": wrap_s(times[0]) or np.inf}
-    stated = _FROM_WHEN.sub("", name_and_unit(named)[1])
-    unit = unit_of(stated or named.rpartition("_")[2], 1.0)
     if unit and unit.quantity == "time":
         step_s = unit.factor
     elif values[0] > 1e12:  # since 1970
         return {"time_s": counted_s}
-    elif any(mark in time for time in times for mark in ".,"):
+    elif not is_whole:
         is_fine = any(re.search(r"[.,]\d{4}", time) for time in times)  # no ms are as fine
         step_s = 1.0 if step < 1.0 or is_fine else 1e-3
     elif stated:

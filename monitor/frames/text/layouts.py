@@ -254,7 +254,7 @@ def _frame(groups: Groups, time_s: float, found: LayoutFound) -> Frame | None:
 def _data(groups: Groups, base: int) -> bytes:
     """Return the data, as many bytes as the line says; raises ValueError if some lack."""
     code = groups.get("dlc", "")
-    told = code or groups.get("length", "").removeprefix("0x") or "-1"
+    told = code or groups.get("length", "").lower().removeprefix("0x") or "-1"
     length = int(told, 16 if len(code) == 1 else 10)
     if packed := groups.get("base64"):
         data = b64decode(packed, validate=True)

@@ -30,6 +30,11 @@ def seconds(text: str) -> float:
     return float(text.replace(",", "."))
 
 
+def told_s(text: str) -> float:
+    """Return a number of seconds; 13 digits before its point and more are of ms, µs or ns."""
+    return seconds(text) * 1e-3 ** max(0, (len(re.split("[.,]", text)[0]) - 10) // 3)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextLayout:
     """How a tool writes frames as lines of text.
@@ -134,7 +139,7 @@ ASC: Final = _layout(  # CANalyzer's and CANoe's; frames, frames of CAN FD, erro
     # names may stand in place of identifiers, which the end of the line tells
     r"@time @channel (?:@id@ext? (?:(?:Rx|Tx|TxRq) )?|\S+ (?:Rx|Tx|TxRq) )"
     rf"(?:@remote(?: \w+)?|{_ASC_DATA})(?: (?!ID\b)\w+\s*=\s*\S+)*+"
-    r"(?: ID\s*=\s*(?P<dec>\d+)(?P<dec_ext>x)?.*)?(?: //.*)?",
+    r"(?: ID\s*=\s*(?P<dec>\d+)(?P<dec_ext>x)?(?:\s.*)?)?(?: //.*)?",
     r"@time (?P<fd>CANFD) @channel (?:Rx|Tx|TxRq) @id@ext? (?:\S*[^\s\d]\S* )?[01] [01] [0-9a-f]+ "
     r"@length@data(?:\s.*)?",
     r"@time (?:CANFD )?@channel (?:[RT]x )?(?P<error>ErrorFrame).*",
@@ -174,7 +179,7 @@ ROWS: Final = _layout(  # under no names; a clock, the digits or the steps tell 
     "rows of frames",
     rf"\A(?:{re.sub(r'[(][?]P<.*?>', '(?:', _ROW)}\s*(?:\n|\Z)){{2}}",
     _ROW,
-    time_s=counted_s,
+    time_s=told_s,
 )
 TABLE: Final = _layout(  # of SavvyCAN, Kvaser, CANedge, IXXAT, Vehicle Spy, …, see ``frame_table``
     "a table of frames", r"(?!)", other=r"[\s\"]*[a-z,#%\u0080-\uffff].*"

@@ -248,7 +248,7 @@ def _evidence(seen: Observation, asked: Asked, judgement: Judgement) -> list[Cau
     """Return why tests have no decision though most samples could be judged."""
     trust = asked.limits.trust if asked.limits else UNKNOWN
     if judgement.is_foreign:
-        advice = "the model does not describe this reading: fit one to this vehicle"
+        advice = "the model does not describe this reading: another vehicle's, or far too late?"
         return [Cause("response", None, None, "model", advice)]
     if blind := [test for test in judgement.unfinished if trust.is_blind(test)]:
         said = f"tried on {counted(trust.drives, 'drive')}, the model finds none of its faults"

@@ -56,7 +56,7 @@ class Response(Opinion):
     """The finding of the response rule after a window."""
 
     column: int  # of the bank: what the likeliest sensor reads
-    explained: float | None = None  # share of the reading that it explains; None before any window
+    explained: float | None = None  # share of the reading, see ``ResponseRule``
     statistics: Estimates
 
 
@@ -76,7 +76,7 @@ class Said(NamedTuple):
     gain: FloatArray  # (w, n_claims) log likelihood
     ratio: FloatArray  # (w, n_columns) log of the reading's variance over that of a sound sensor
     moved: FloatArray  # (w, n_columns) share of the prediction in that variance, 0 to 1
-    explained: FloatArray  # (w, n_columns) share of the reading so far, 0 to 1
+    explained: FloatArray  # (w,) share of the reading so far, by the column that explains most
 
 
 class ResponseRule:
@@ -127,8 +127,9 @@ class ResponseRule:
         self._sums: FloatArray = np.full((3, self._n_columns + 1), GAIN_KNOWN)
         # sums of ``moved``, of its square and of its product with ``ratio``, of a column
         self._amplitudes: FloatArray = np.zeros((3, self._n_columns + 1))
-        self._explained: FloatArray = np.zeros(self._n_columns + 1)
         self.windows = 0  # that were not ignored
+        # share of the reading that the best column explains, 0 to 1; None before any window
+        self.explained: float | None = None
 
     @property
     def odds(self) -> dict[str, float]:
@@ -145,12 +146,6 @@ class ResponseRule:
             if leads[name] < 0.0:
                 leads[name] = max(leads[name], min(float(evidence[i] - surely), 0.0))
         return leads
-
-    @property
-    def explained(self) -> float | None:
-        """Return the share of the reading that the likeliest sensor explains; None at first."""
-        column = self._columns[self._evidence.argmax()]
-        return float(self._explained[column]) if self.windows else None
 
     @property
     def drive_gain(self) -> float:
@@ -170,12 +165,13 @@ class ResponseRule:
         """
         places = np.flatnonzero(~ignore)
         said = self.said(self.regressed(measured[places], [banks[i] for i in places.tolist()]))
-        rest = zip(self.weighted(said), said.moved, said.ratio, said.explained, strict=True)
+        shares = said.explained.tolist()
+        rest = zip(self.weighted(said), said.moved, said.ratio, shares, strict=True)
         found = []
         for bank, ignored in zip(banks, ignore.tolist(), strict=True):
             if not ignored:
                 self.windows += 1
-                added, moved, ratio, self._explained = next(rest)
+                added, moved, ratio, self.explained = next(rest)
                 self._evidence += added
                 # a long healthy time must not outweigh the fault that follows it (Page's test)
                 self._evidence -= self._evidence.max()
@@ -213,10 +209,10 @@ class ResponseRule:
         """
         gain, new_var = self._limits.gain_expected, self._limits.innovation_var
         predicted, product = gain**2 * moments.sxx, gain * moments.sxy
-        timing, explained = np.empty((len(predicted), len(self.claims))), np.empty_like(predicted)
+        timing, explained = np.empty((len(predicted), len(self.claims))), np.empty(len(predicted))
         for k, own in enumerate(zip(predicted, product, moments.syy, moments.n, strict=True)):
             timing[k] = self._timing(*own)
-            explained[k] = self._sums[1] ** 2 / (self._sums[0] * self._sums[2])
+            explained[k] = (self._sums[1] ** 2 / (self._sums[0] * self._sums[2])).max()
         sound = predicted + new_var
         measured = np.log(moments.syy + self._least_var)[:, np.newaxis]
         least, most = (

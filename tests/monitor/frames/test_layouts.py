@@ -291,6 +291,19 @@ def test_each_byte_of_a_table_has_a_cell_quoted_or_not_and_rows_may_be_shorter(
     assert [frame.data.hex() for frame in read_frames(path)] == [wanted] * 2
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "data"),
+    [("Data", "[]", [b"\x01\x02", b""]), ("D0,D1", "Error,", [b"\x01\x02"])],
+)
+def test_a_list_may_be_empty_and_a_first_byte_that_is_none_makes_no_frame(
+    tmp_path: Path, header: str, row: str, data: list[bytes]
+) -> None:
+    path = tmp_path / "bytes.csv"
+    first = "01,02" if "," in header else '"[1, 2]"'
+    path.write_text(f"Time,CAN_ID,{header}\n0.1,C2,{first}\n0.2,C3,{row}\n")
+    assert [frame.data for frame in read_frames(path)] == data
+
+
 def test_a_length_code_of_can_fd_keeps_all_bytes(tmp_path: Path) -> None:
     path, data = tmp_path / "fd.csv", bytes(range(48))
     path.write_text(f"time;ID;IDE;DLC;DataLength;DataBytes\n0.1;1A0;0;14;48;{data.hex()}\n")
@@ -421,6 +434,9 @@ def test_channels_of_a_table_of_frames_are_told_apart_whatever_they_are_called(
         ("Type,RTR", "Data,1", []),  # two columns that may say it
         ("Format,Type", "Standard,Data", [(0xC2, False)]),
         ("Message", "Engine", [(0xC2, False)]),  # a name
+        ("Frame", "RemoteStart", [(0xC2, False)]),
+        ("ASCII,DLC", '"A,0X02', [(0xC2, False)]),  # a quote that opens nothing
+        ("Format,Type", '"Standard" , "Data"', [(0xC2, False)]),
     ],
 )
 def test_a_table_of_frames_tells_their_kind_in_words(

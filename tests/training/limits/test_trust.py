@@ -15,6 +15,7 @@ from monitor.base.faults import resolve
 from monitor.cli import main
 from monitor.judge.limits import Limits
 from monitor.judge.trust import Trust, in_words
+from monitor.memory.codes import TESTS
 from monitor.model.card import Limit
 from monitor.model.step import Model
 from monitor.pipeline.replay import shipped_model
@@ -34,10 +35,16 @@ def healthy() -> Recording:
     return load(LOG, period_s=0.1)
 
 
-@pytest.mark.parametrize("name", ["still_s", "still_end_s"])
-def test_a_card_of_an_earlier_version_with_times_of_stillness_judges_as_any(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "untold"), [("still_s", set(TESTS["activity"])), ("still_end_s", set())]
+)
+def test_a_card_of_an_earlier_version_whose_reading_stands_still_sets_no_code_of_it(
+    name: str, untold: set[str]
+) -> None:
     limits = CARD.limits | {name: Limit(300.0, "s", "")}
-    assert Limits.from_card(replace(CARD, limits=limits), SETTINGS, "old") == LIMITS
+    old = Limits.from_card(replace(CARD, limits=limits), SETTINGS, "old")
+    assert old.trust.untold == untold
+    assert replace(old, trust=LIMITS.trust) == LIMITS
 
 
 CARD = replace(MODEL.card, trust={})
