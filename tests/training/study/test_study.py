@@ -36,7 +36,7 @@ from training.study.task import Settings, Task
 SIGNALS = ["--inputs", "valve", "leak", "--output", "level_m"]
 SMALL = [
     *("--starts", "1", "--iterations", "5", "--models", "1", "6", "--samples", "1500"),
-    *("--budget", "0.05", "--jobs", "1"),
+    *("--budget", "0.02", "--jobs", "1"),
 ]
 PARTS = [
     *("check", "preparation", "selection", "linear", "narx", "free", "choice", "shipped"),

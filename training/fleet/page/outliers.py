@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from scipy import stats
+from scipy.special import ndtri
 
 from monitor.base.types import FloatArray
 
@@ -111,7 +111,7 @@ def limit_of(n: int, rate: float = RATE, statistics: int = 1) -> float:
     share = rate / statistics
     if n >= MANY:
         alone = -math.expm1(math.log1p(-share) / n)
-        return float(stats.norm.isf(alone / 2.0))
+        return -float(ndtri(alone / 2.0))
     rng = np.random.default_rng(0)
     farthest = [
         np.abs(robust(rng.standard_normal((100, n)))).max(axis=1) for _ in range(DRAWS // 100)
