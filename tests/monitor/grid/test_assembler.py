@@ -159,7 +159,7 @@ values = st.one_of(
 )
 carried = st.dictionaries(st.integers(0, 2), values)
 rising = st.sampled_from([0, 1, 7, 20, 50, 99, 100, 101, 250, 900, 60_000, 60_001, 200_000])
-arrivals = st.lists(st.tuples(rising, carried), max_size=20)
+arrivals = st.lists(st.tuples(rising, carried), max_size=60)
 periods = st.sampled_from([10, 100, 333, 60_000])
 starts = st.sampled_from([-5, 0, 9, 1_700_000_000_000])  # ms; the last one since 1970
 

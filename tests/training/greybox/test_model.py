@@ -36,7 +36,7 @@ VEHICLE = 2001
 
 
 def drive(folder: Path, cycle: str, seed: int) -> Recording:
-    experiment = Experiment(cycle=cycle, seed=seed, vehicle=VEHICLE, duration_s=620.0)
+    experiment = Experiment(cycle=cycle, seed=seed, vehicle=VEHICLE, duration_s=900.0)
     return load(write(experiment, folder, "parquet"))
 
 
